@@ -68,7 +68,7 @@ def settings_of(algo: str, seed: int) -> RunSettings:
 def begin(path: Path, run: RunSettings) -> tuple[Record, RunLog]:
     """Creates the record of a run."""
     record = Results(path).create("run", run.id, run.model_dump(mode="json"))
-    return record, RunLog(record, EPISODE_STEPS)
+    return record, RunLog(record)
 
 
 def cost(algo: str, rounds: int, control_steps: int) -> None:
@@ -96,7 +96,7 @@ def cost(algo: str, rounds: int, control_steps: int) -> None:
             training = (time.perf_counter() - clock) * EPISODE_STEPS / measured
             clock = time.perf_counter()
             for index, (record, log) in enumerate(begun):
-                log.episode(number, 500.0, engine.losses(index))
+                log.episode(number, 500.0, engine.losses(index), EPISODE_STEPS)
                 save(record, log, engine, index)
             checkpoint = time.perf_counter() - clock
             if number:  # the first one writes the whole buffer
@@ -125,7 +125,7 @@ def volume(algo: str, control_steps: int) -> None:
                     numbers = random.random((1, 1)), random.random((1, 1))
                     engine.replay.add(*numbers, torch.zeros(1, 1, 16))
                 engine.replay.begin(torch.zeros(1, 1, 16))
-            log.episode(engine.control_steps, 500.0, {})
+            log.episode(engine.control_steps, 500.0, {}, EPISODE_STEPS)
             save(record, log, engine, 0)
             most = max(most, len(record.manifest.files))
     sizes = ", ".join(f"{kind} {size / 1e6:.0f} MB" for kind, size in written.bytes.items())

@@ -33,8 +33,8 @@ from jbench.datasets import layout
 from jbench.devices import find_device
 from jbench.encoders.kind import Learned
 from jbench.encoders.loop import EncoderLearner
+from jbench.encoders.pairs import Shard
 from jbench.encoders.registry import make_kind
-from jbench.encoders.states import Shard
 from jbench.store import Results, schema
 from jbench.tasks.jitterbug.geometry import State
 

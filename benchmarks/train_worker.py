@@ -38,10 +38,10 @@ def settings_of(request: Request) -> Any:
 def batched(request: Request) -> Run:
     """Returns whole training on the batched engine."""
     from jbench.agents.batched.make import make_engine
-    from jbench.agents.environments import Environments
+    from jbench.agents.ending_environments import make_environments
 
     settings = settings_of(request)
-    robots = Environments(request["task"], request["seeds"], getattr(settings, "n_envs", 1))
+    robots = make_environments(request["task"], request["seeds"], getattr(settings, "n_envs", 1))
     engine = make_engine(request["algo"], settings, robots, **request.get("options", {}))
     steps, episodes = engine.learn(10**12), Episodes()
 

@@ -46,6 +46,21 @@ class Falls(Cart):
         return self.made == 7
 
 
+class Leaves(Cart):
+    """Its episodes end where the cart leaves the rail, or by the time limit."""
+
+    def has_fallen(self):
+        return abs(float(self.state[0])) > 1
+
+
+class Drifts(Leaves):
+    """Its noise is not seeded, so that no episode repeats."""
+
+    def step(self, action):
+        self.state = self.state + 1e-3 * np.random.default_rng().uniform(-1, 1, 2)
+        return super().step(action)
+
+
 class HugeReward(Cart):
     def reward(self):
         return np.inf if self.made == 3 else 0.0
@@ -71,9 +86,13 @@ def limited(kind):
     return lambda: TimeLimit(kind(), EPISODE)
 
 
-cart, falls, huge_reward, discrete, unbounded, pixels, counts = map(
-    limited, (Cart, Falls, HugeReward, Discrete, Unbounded, Pixels, Counts)
+cart, falls, leaves, drifts, huge_reward, discrete, unbounded, pixels, counts = map(
+    limited, (Cart, Falls, Leaves, Drifts, HugeReward, Discrete, Unbounded, Pixels, Counts)
 )
+
+
+def falls_without_limit():
+    return Falls()
 
 
 def endless():

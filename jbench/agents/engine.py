@@ -11,13 +11,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from jbench.agents.environments import Environments, SeedState, StepResult
+from jbench.agents.environments import Ends, Environments, SeedState, StepResult
 from jbench.errors import WorkError
 from jbench.policies.saved import SavedNetwork
 from jbench.tasks.task import EpisodeError
 from jbench.timing import part
 
-AfterStep = Callable[[NDArray[np.float64] | None], bool]
+AfterStep = Callable[[Ends | None], bool]
 """Called after a control step with what `Engine.learn` yields; returns whether to go on."""
 
 CPU = torch.device("cpu")
@@ -77,6 +77,7 @@ class Engine(AbstractContextManager["Engine"]):
         self.environments = environments
         self.control_steps = 0
         self.diverged: dict[int, DivergedError] = {}
+        self.cut: Ends | None = None
         self._rollout_steps = rollout_steps
         self._collected = 0
 
@@ -88,13 +89,13 @@ class Engine(AbstractContextManager["Engine"]):
         """Ends the threads."""
         self.environments.close()
 
-    def learn(self, steps: int) -> Iterator[NDArray[np.float64] | None]:
+    def learn(self, steps: int) -> Iterator[Ends | None]:
         """Trains until each seed has made `steps` control steps and completed a rollout.
 
         Steps are counted from the start of training. Learning happens when the step after a
         completed rollout is requested, also after `restore`, so the caller can evaluate or save the
-        agents between any two steps. Yields after each step of all robots the returns
-        (seeds, environments) of the episodes that ended with it, or None.
+        agents between any two steps. Yields after each step of all robots the episodes that ended
+        with it, or None.
         """
         while True:
             if self._collected == self._rollout_steps:
@@ -112,12 +113,12 @@ class Engine(AbstractContextManager["Engine"]):
             self._collected += 1
             with part("transitions"):
                 self._store(observations, actions, step)
-            yield step.episode_returns
+            yield step.ends
 
     def train(self, steps: int, after_step: AfterStep) -> None:
         """Trains as `learn` does, until `after_step` returns False."""
-        for returns in self.learn(steps):
-            if not after_step(returns):
+        for ends in self.learn(steps):
+            if not after_step(ends):
                 break
 
     def has_made(self, steps: int) -> bool:
@@ -140,6 +141,16 @@ class Engine(AbstractContextManager["Engine"]):
     def failures(self) -> Mapping[int, EpisodeError]:
         """See `Trainer.failures`."""
         return self.environments.failures
+
+    def _truncate_unlike(self) -> None:
+        """Truncates the episodes that could not be repeated, after all seeds are restored."""
+        step = self.environments.truncate_unlike()
+        if step is not None:
+            self.cut = step.ends
+            self._truncate(step)
+
+    def _truncate(self, step: StepResult) -> None:
+        """Notes the truncation of the last transitions of the environments that `step` ended."""
 
     @property
     def threads(self) -> int:

@@ -58,21 +58,32 @@ def under(prefix: str, tensors: dict[str, Tensor]) -> dict[str, Tensor]:
     return {name.removeprefix(prefix): t for name, t in tensors.items() if name.startswith(prefix)}
 
 
+class Ends(NamedTuple):
+    """The episodes that ended with a control step; arrays are (seeds, environments)."""
+
+    ended: NDArray[np.bool_]
+    terminated: NDArray[np.bool_]  # of those, the ones that no time limit truncated
+    returns: NDArray[np.float64]  # so far, of those that have not ended
+    lengths: NDArray[np.int64]  # control steps so far
+
+
 class StepResult(NamedTuple):
     """Result of a control step of all robots."""
 
     rewards: NDArray[np.float64]  # (seeds, environments)
     observations: Tensor  # (seeds, environments, size) at the end of the step
-    episode_returns: NDArray[np.float64] | None  # (seeds, environments); None within the episodes
+    ends: Ends | None  # None if no episode ended
 
 
 class Environments:
-    """Seeds x environments robots of a task, reset together.
+    """Seeds x environments robots of a task whose episodes have one length, reset together.
 
     Close them in the end: they hold threads. The current inputs of the agents, `observations`,
     are (seeds, environments, size), float32; `steps` are those of the current episode. `failures`
     are the first errors of episodes that could not go on, by seed; the other seeds go on.
     """
+
+    has_one_length = True
 
     def __init__(
         self,
@@ -108,6 +119,7 @@ class Environments:
         self._mirrors = any(action_signs(encoder, blank) is not None for encoder in self.encoders)
         self._augment = augment
         self._robot = augment(0)
+        self._all = np.ones(self._shape, bool)
         self._worlds = self._new_worlds()
         self.failures: dict[int, EpisodeError] = {}
         self.episodes = self.steps = 0
@@ -126,13 +138,13 @@ class Environments:
         self._returns += rewards
         self.steps += 1
         self.observations = inputs = self._inputs(observations)
-        returns = None
+        ends = None
         if self.steps == self.episode_steps:
-            returns = self._returns
+            ends = Ends(self._all, ~self._all, self._returns, np.full(self._shape, self.steps))
             self.episodes += 1
             self._begin_episodes()
 
-        return StepResult(rewards, inputs, returns)
+        return StepResult(rewards, inputs, ends)
 
     def encode(self, observations: Tensor) -> Tensor:
         """Maps observations (seeds, N, dim(O)) of the task to inputs (seeds, N, size)."""
@@ -179,6 +191,14 @@ class Environments:
         self.observations = self._inputs(self._worlds.restore(self._robots(seed), world))
         for generator, saved in zip(self.generators[seed].all(), scalars["streams"], strict=True):
             generator.bit_generator.state = saved
+
+    def truncate_unlike(self) -> StepResult | None:
+        """Truncates the episodes that `restore` could not repeat, and begins others.
+
+        Returns what ended, with rewards of 0, or None if all continue, as episodes of one length
+        do.
+        """
+        return None
 
     def _begin_episodes(self) -> None:
         """Starts an episode in every world, on the robot of its number."""

@@ -31,8 +31,9 @@ class EnvironmentSpec(NamedTuple):
     Attributes:
         observation_size: size of an (encoded) observation.
         action_size: numbers in an action, each in [-1, 1]; 1 for the Jitterbug.
-        environments: number of parallel environments, whose episodes begin and end together.
-        episode_steps: control steps in an episode.
+        environments: number of parallel environments; those of tasks whose episodes may end early
+            begin each its next episode when its own has ended.
+        episode_steps: control steps in an episode, or in the longest one.
     """
 
     observation_size: int
@@ -47,11 +48,11 @@ class Transition(NamedTuple):
     Attributes:
         observations: (environments, observation_size), float32.
         actions: (environments, action_size) that `explore` returned, as float64 on the CPU.
-        rewards: (environments,), float32, in [0, 1].
+        rewards: (environments,), float32; in [0, 1] but for environments of Gymnasium.
         next_observations: (environments, observation_size) after the step, also at the end of an
             episode, float32.
-        terminated: (environments,) whether the value of the next observation is 0: with
-            `--time-limit terminal`, at the end of an episode.
+        terminated: (environments,) whether the value of the next observation is 0: where the
+            environment says so, and with `--time-limit terminal` at the end of any episode.
         truncated: (environments,) whether the episode ends, but its last value is bootstrapped.
     """
 

@@ -103,6 +103,7 @@ class PluginEngine(Engine):
         self._losses = unpack(scalars["losses"], tensors)
         self._call(self._agent.restore, unpack(scalars["agent"], tensors))
         _restore_generators(unpack(scalars["generators"], tensors), self._device)
+        self._truncate_unlike()
 
     def _act(self, inputs: Tensor) -> NDArray[np.floating]:
         """See `Engine._act`; the agent's generators are as they were afterwards."""
@@ -118,15 +119,22 @@ class PluginEngine(Engine):
         if self.diverged:
             return
 
-        ends = step.episode_returns is not None
+        terminated = np.zeros(actions.shape[1], bool)
+        truncated = terminated.copy()
+        if step.ends is not None:
+            is_terminal = self._time_limit == "terminal"
+            ended = step.ends.ended[0]
+            terminated = ended.copy() if is_terminal else step.ends.terminated[0].copy()
+            truncated = ended & ~terminated
+
         # Copies: an agent may change its arrays, and these are also saved in checkpoints.
         transition = Transition(
             observations[0].numpy().copy(),
             actions[0],
             step.rewards[0].astype(np.float32),
             step.observations[0].numpy().copy(),
-            np.full(actions.shape[1], ends and self._time_limit == "terminal"),
-            np.full(actions.shape[1], ends and self._time_limit == "bootstrap"),
+            terminated,
+            truncated,
         )
         losses = self._call(self._agent.learn, transition)
         if not isinstance(losses, Mapping):

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from jbench.agents.batched.replay import ReplayBuffer
 from jbench.agents.engine import AfterStep, DivergedError
-from jbench.agents.environments import SeedState
+from jbench.agents.environments import Ends, SeedState
 from jbench.policies.saved import SavedNetwork
 from jbench.tasks.task import EpisodeError
 
@@ -39,6 +39,10 @@ class Trainer(Protocol):
     @property
     def failures(self) -> Mapping[int, EpisodeError]:
         """The seeds of which an episode could not go on, if the training of others goes on."""
+
+    @property
+    def cut(self) -> Ends | None:
+        """The episodes that `restore` could not repeat, and has truncated where they were."""
 
     @property
     def replay(self) -> ReplayBuffer | None:

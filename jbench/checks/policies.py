@@ -12,6 +12,7 @@ from jbench.store import Results
 from jbench.tasks.find import find_task
 
 _EPISODES = 3
+_STEPS = 100
 
 
 def checks(name: str, task: str) -> Iterator[tuple[str, Callable[[], str]]]:
@@ -46,11 +47,11 @@ def _episodes(name: str, task: str) -> str:
             "the same initial states give other returns: its evaluations can't be repeated"
         )
     mean = returns.mean()
-    return f"the same initial states give the same returns; {mean:.0f} per 1000 steps"
+    return f"the same initial states give the same returns; {mean:.3g} in {_STEPS} control steps"
 
 
-def _returns(name: str, task: str, steps: int = 100) -> np.ndarray:
-    """Returns the returns of short episodes, scaled to 1000 control steps."""
+def _returns(name: str, task: str) -> np.ndarray:
+    """Returns the returns of some episodes up to a control step, or to their ends before it."""
     policy = _find(name, task)
     made = find_task(task)
     generators = [np.random.default_rng(seed) for seed in range(_EPISODES)]
@@ -58,8 +59,8 @@ def _returns(name: str, task: str, steps: int = 100) -> np.ndarray:
     with made.worlds(_EPISODES) as worlds:
         observations = worlds.reset(generators)
         policy.reset(_EPISODES)
-        for _ in range(steps):
+        for _ in range(_STEPS):
             observations, rewards = worlds.step(policy.act(observations))
             total += rewards
 
-    return total * (1000 / steps)
+    return total

@@ -31,9 +31,10 @@ def _made(name: str) -> str:
 
 
 def _episode(name: str) -> str:
-    """Steps a whole episode, as jbench does before each training."""
-    checked_task(name)
-    return "an episode of random actions has its length, its sizes and rewards in [0, 1]"
+    """Steps an episode, as jbench does before each training."""
+    task = checked_task(name)
+    limit = f"at most {task.episode_steps:,}" if task.ends_early else f"{task.episode_steps:,}"
+    return f"an episode of random actions has {limit} control steps, its sizes and finite rewards"
 
 
 def _seen(name: str, seed: int, count: int = 1) -> np.ndarray:
@@ -92,6 +93,8 @@ def _speed(name: str) -> str:
         began = time.perf_counter()
         for _ in range(_STEPS):
             worlds.step(np.zeros((1, task.action_size)))
+            if worlds.are_over():
+                worlds.reset([np.random.default_rng(0)])
         seconds = (time.perf_counter() - began) / _STEPS
 
     text = f"{1e3 * seconds:.2f} ms per control step"

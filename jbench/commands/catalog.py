@@ -133,10 +133,10 @@ def collect(
 
     def kept() -> str:
         begun = database.find("dataset", settings.id)
-        steps = 0 if begun is None else begun.rows(layout.tables(settings.robot)[1])
+        steps = 0 if begun is None else layout.control_steps(begun)
         return (
-            f"{steps * settings.episode_steps:,} of {settings.steps:,} control steps are kept; "
-            "the same command continues there."
+            f"{steps:,} of {settings.steps:,} control steps are kept; the same command continues "
+            "there."
         )
 
     output.if_stopped(kept)
@@ -166,7 +166,7 @@ def datasets(results: Path = options.READ_RESULTS, json: bool = options.JSON) ->
             continue
 
         settings = dataset.settings
-        steps = dataset.episodes * settings.episode_steps
+        steps = dataset.control_steps
         robot = settings.robot if settings.specs else "plain"
         more = {"status": record.status, "steps": steps, "bytes": record.size}
         entries.append(output.described(record, **more))

@@ -185,7 +185,7 @@ def reproduce(
 
     if episodes:
         number = max(1, min(episodes, record.rows("episodes")))
-        total = number * recorded_episode_steps(record.settings)
+        total = number * recorded_episode_steps(record.settings)  # if none ended early
         with output.progress(f"reproduce {record.id}", total, "control steps") as progress:
             retraining = repeat.retrain(database, record, episodes, progress, accept_changed_code)
 

@@ -235,6 +235,7 @@ def _planned(
                     seed=seed,
                     base=base,
                     episodes=source.episodes if source else None,
+                    mean_steps=source.control_steps / source.episodes if source else None,
                     latents=size,
                     dataset=source.id if source else "any",
                 )

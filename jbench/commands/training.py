@@ -42,7 +42,7 @@ def check_runs(runs: Sequence[RunSettings], keep_state: bool) -> None:
     for run in (run for run in runs if run.algorithm.knows_rollouts):
         end = run.last_step
         episode = run.episode_steps
-        if run.steps % episode:
+        if run.steps % episode and not find_task(run.task).ends_early:
             where = f"in the middle of an episode of {episode:,}, whose return is not recorded"
             if end % (episode * run.environments) == 0:
                 where = f"at the end of an episode of {episode:,}"

@@ -13,6 +13,7 @@ import numpy as np
 import pyarrow as pa
 
 from jbench.datasets import layout
+from jbench.datasets.collect_ending import collect_ending
 from jbench.names import TASKS
 from jbench.settings.records import JITTERBUG, DatasetSettings
 from jbench.store import Record, Results
@@ -75,6 +76,10 @@ def collect(
         if existing is not None:
             check_code(existing, code)
         record = existing or results.create("dataset", settings.id, settings.model_dump(), code)
+        if settings.robot != JITTERBUG and find_task(settings.robot).ends_early:
+            collect_ending(settings, record, progress)
+            record.finish({}, compact=False)
+            return record
         total = settings.steps // settings.episode_steps
         _, episodes = layout.tables(settings.robot)
         first = record.rows(episodes)

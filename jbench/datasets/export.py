@@ -5,13 +5,15 @@ import importlib.util
 import os
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import numpy as np
 
+from jbench.datasets.ending import EndingBlock
 from jbench.datasets.reader import Dataset
 from jbench.errors import RequestError, WorkError
 from jbench.registration import environment_id
@@ -70,7 +72,7 @@ def export_minari(
     about = find_task(task)
     # Of a control step: observation, action and reward in float32, and two flags.
     step_size = 4 * (about.observation_size + about.action_size + 1) + 2
-    size = round(dataset.episodes * (dataset.settings.episode_steps + 1) * step_size * _OVERHEAD)
+    size = round((dataset.control_steps + dataset.episodes) * step_size * _OVERHEAD)
     with locks.hold(temporary, str(path)):
         content = temporary / "content"  # without the lock
         try:
@@ -125,20 +127,38 @@ def _write(dataset: Dataset, task: str, id: str, to: Path, progress: Callable[[i
             "requirements": ["jbench"],
         }
     )
-    # Episodes are truncated at the time limit and never terminate.
-    length = dataset.settings.episode_steps
-    never, last = np.zeros((2, length), bool)
-    last[-1] = True
-    for episodes, block in zip(dataset.parts, dataset.blocks(task), strict=True):
+    for episodes, block in zip(dataset.parts, _ending_blocks(dataset, task), strict=True):
         storage.update_episodes(
-            EpisodeBuffer(
-                id=number,
-                observations=observations,
-                actions=actions.reshape(length, -1),
-                rewards=rewards,
-                terminations=never,
-                truncations=last,
-            )
-            for number, observations, actions, rewards in zip(episodes, *block, strict=True)
+            _buffer(EpisodeBuffer, number, *episode)
+            for number, episode in zip(episodes, zip(*block, strict=True), strict=True)
         )
         progress(episodes.stop)
+
+
+def _ending_blocks(dataset: Dataset, task: str) -> Iterator[EndingBlock]:
+    """Yields the episodes of a dataset with their ends, file by file."""
+    if find_task(task).ends_early:
+        yield from dataset.ending_blocks(task)
+        return
+    # Episodes are truncated at the time limit and never terminate.
+    for block in dataset.blocks(task):
+        count, length = block.rewards.shape
+        actions = block.actions.reshape(count, length, -1)
+        lengths, terminated = np.full(count, length), np.zeros(count, bool)
+        yield EndingBlock(block.observations, actions, block.rewards, lengths, terminated)
+
+
+def _buffer(
+    kind: Any, number: int, observations: Any, actions: Any, rewards: Any, length: int, fell: bool
+) -> Any:
+    """Returns an episode in Minari's class; rows after its end are left out."""
+    terminations, truncations = np.zeros((2, length), bool)
+    terminations[-1], truncations[-1] = fell, not fell
+    return kind(
+        id=number,
+        observations=observations[: length + 1],
+        actions=actions[:length],
+        rewards=rewards[:length],
+        terminations=terminations,
+        truncations=truncations,
+    )

@@ -8,7 +8,9 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from jbench.datasets.ending import ENDS
 from jbench.settings.records import JITTERBUG
+from jbench.store import Record
 from jbench.store.schema import STATE_COLUMNS, STEPS
 from jbench.tasks.jitterbug.geometry import TARGET_HEIGHT, State, Target
 from jbench.tasks.task import Task
@@ -24,11 +26,21 @@ def tables(robot: str) -> tuple[str, str]:
     return ("steps", "dataset_episodes") if robot == JITTERBUG else ("observations", "seeds")
 
 
+def control_steps(record: Record) -> int:
+    """Returns the control steps of the committed episodes of a dataset."""
+    steps, episodes = tables(record.settings.get("robot", JITTERBUG))
+    return record.rows(steps) - record.rows(episodes)  # an episode has one row more than steps
+
+
 def observations_schema(task: Task) -> pa.Schema:
-    """Returns the columns of the steps of another robot: an action and its reward are null last."""
+    """Returns the columns of the steps of another robot: an action and its reward are null last.
+
+    Those of a task whose episodes may end early say how they ended.
+    """
     names = [*task.labels, *task.action_labels, "reward"]
     counts = [("episode", pa.int32()), ("step", pa.int16())]
-    return pa.schema([*counts, *((name, pa.float32()) for name in names)])
+    ends = [(name, pa.bool_()) for name in ENDS] if task.ends_early else []
+    return pa.schema([*counts, *((name, pa.float32()) for name in names), *ends])
 
 
 def steps_table(first_episode: int, state: State, actions: Float) -> pa.Table:

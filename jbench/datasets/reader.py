@@ -1,14 +1,15 @@
 """Reading a dataset with the observations and rewards of any task."""
 
 import itertools
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
-from jbench.datasets import layout
+from jbench.datasets import ending, layout
 from jbench.errors import RequestError, WorkError
 from jbench.names import TASKS
 from jbench.settings.base import validated
@@ -35,11 +36,17 @@ class Block(NamedTuple):
     actions: NDArray[np.float32]
     rewards: NDArray[np.float32]
 
+    @property
+    def states(self) -> NDArray[np.float32]:
+        """The observations, as `EndingBlock` has them."""
+        return self.observations
+
 
 class Dataset:
     """A collected dataset of a robot: "jitterbug", or the task of another one.
 
-    `parts` are the episodes of each file; `blocks(task, parts=[i])` reads part i.
+    `parts` are the episodes of each file; `blocks(task, parts=[i])` reads part i. Those of a
+    dataset without `has_one_length`, as some episodes ended early, are read by `ending_blocks`.
     """
 
     def __init__(self, record: Record) -> None:
@@ -55,6 +62,14 @@ class Dataset:
         bounds = [*itertools.accumulate(counts, initial=0)]
         self.episodes = bounds[-1]
         self.parts = tuple(range(*pair) for pair in itertools.pairwise(bounds))
+        self.control_steps = layout.control_steps(record)
+
+    @property
+    def has_one_length(self) -> bool:
+        """Whether no episode ended before the time limit of its task."""
+        if self.robot == JITTERBUG or not find_task(self.robot).ends_early:
+            return True
+        return self.control_steps == self.episodes * self.settings.episode_steps
 
     def blocks(self, task: str, parts: Iterable[int] | None = None) -> Iterator[Block]:
         """Yields the dataset for a task, file by file (`parts`), with one file in memory at a time.
@@ -62,16 +77,40 @@ class Dataset:
         Raises a RequestError if there is no such task, or the dataset is of another robot, and a
         WorkError if a file is damaged or has invalid columns or values.
         """
+        self._check_lengths()
+        for part, *files in self._files(task, parts):
+            yield self._block(task, part, *files)
+
+    def ending_blocks(
+        self, task: str, parts: Iterable[int] | None = None
+    ) -> Iterator[ending.EndingBlock]:
+        """Yields the dataset of a task whose episodes may end early, file by file; see `blocks`."""
+        size = find_task(task).observation_size
+        for part, *files in self._files(task, parts):
+            yield ending.block(self._checked_rows(task, part, *files)[0], size)
+
+    def _files(
+        self, task: str, parts: Iterable[int] | None
+    ) -> Iterator[tuple[range, FileEntry, FileEntry]]:
+        """Yields the episodes of each part, and its files."""
         self.check_task(task)
-        files = [self.record.parts(table) for table in self._tables]
-        if len(files[0]) != len(files[1]):
+        steps, episodes = (self.record.parts(table) for table in self._tables)
+        if len(steps) != len(episodes):
             raise WorkError(f"The manifest of the dataset {self.id} lacks files; collect it again.")
         for part in range(len(self.parts)) if parts is None else parts:
-            yield self._block(task, self.parts[part], files[0][part], files[1][part])
+            yield self.parts[part], steps[part], episodes[part]
+
+    def _check_lengths(self) -> None:
+        if not self.has_one_length:
+            raise RequestError(
+                f"Episodes of the dataset {self.id} ended early and have different lengths: read "
+                "it by Dataset.ending_blocks."
+            )
 
     def observations(self, task: str) -> NDArray[np.float32]:
         """Returns a task's observations (episodes, 1000, dim(O)) before each action."""
         self.check_task(task)
+        self._check_lengths()
         size = find_task(task).observation_size
         observations = np.empty((self.episodes, self.settings.episode_steps, size), np.float32)
         for episodes, block in zip(self.parts, self.blocks(task), strict=True):
@@ -88,22 +127,33 @@ class Dataset:
         if self.robot != JITTERBUG:
             check_specs(task, self.settings.specs)
 
-    def _block(self, task: str, part: range, steps: FileEntry, episodes: FileEntry) -> Block:
-        """Returns the episodes of one file, with the observations of a task."""
-        is_jitterbug = self.robot == JITTERBUG
+    def _checked_rows(
+        self, task: str, part: range, steps: FileEntry, episodes: FileEntry
+    ) -> tuple[pa.Table, pa.Table]:
+        """Returns the rows of a part's steps and episodes; a WorkError if they are not valid."""
         columns = schema.STEPS, schema.DATASET_EPISODES
-        if not is_jitterbug:
+        find_flaw: Callable[[pa.Table, pa.Table, range, int], str | None] = layout.flaw
+        if self.robot != JITTERBUG:
             columns = layout.observations_schema(find_task(task)), layout.SEEDS
+            if find_task(task).ends_early:
+                find_flaw = ending.flaw
 
         rows, targets = map(self.record.read_part, (steps, episodes), columns)
-        flaw = layout.flaw(rows, targets, part, self.settings.episode_steps)
+        flaw = find_flaw(rows, targets, part, self.settings.episode_steps)
         if flaw is not None:
             raise WorkError(
                 f"{steps.name} of the dataset {self.id} holds {flaw}; collect it again after "
                 f"deleting {self.record.path}."
             )
+        return rows, targets
 
-        if not is_jitterbug:
+    def _block(self, task: str, part: range, steps: FileEntry, episodes: FileEntry) -> Block:
+        """Returns the episodes of one file, with the observations of a task."""
+        rows, targets = self._checked_rows(task, part, steps, episodes)
+        if find_task(task).ends_early:
+            return Block(*ending.block(rows, find_task(task).observation_size)[:3])
+
+        if self.robot != JITTERBUG:
             values = np.stack([column.to_numpy() for column in rows.columns[2:]], axis=-1)
             values = values.reshape(len(part), self.settings.episode_steps + 1, -1)
             observations, made = np.split(values, [find_task(task).observation_size], axis=-1)

@@ -22,8 +22,9 @@ from jbench.encoders.adam import FusedAdam
 from jbench.encoders.kind import Fitted, Kind, Weights
 from jbench.encoders.kinds.linear import PrincipalComponents, RandomProjection
 from jbench.encoders.kinds.planar import SIGNS, PlanarReduction
+from jbench.encoders.pairs import Shard, state_pairs
 from jbench.encoders.scaling import FloatArray, Moments
-from jbench.encoders.states import Shard, States, state_pairs
+from jbench.encoders.states import States
 from jbench.tasks.find import find_task
 from jbench.tasks.task import episode_generator, rollout
 

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator
 from torch import Tensor
 
+from jbench.encoders.pairs import StatePairs, state_pairs
 from jbench.encoders.scaling import Moments
-from jbench.encoders.states import Scale, StatePairs, States, state_pairs
+from jbench.encoders.states import Scale, States
 from jbench.names import EncoderBase
 from jbench.settings.base import Settings, omissible
 from jbench.tasks.jitterbug.geometry import Array

@@ -22,9 +22,10 @@ from torch import Tensor
 
 from jbench.encoders.adam import FusedAdam
 from jbench.encoders.kind import Learned
+from jbench.encoders.pairs import StatePairs, state_pairs
 from jbench.encoders.registry import sentence_about
 from jbench.encoders.saved import SavedEncoder
-from jbench.encoders.states import StatePairs, States, state_pairs
+from jbench.encoders.states import States
 from jbench.errors import WorkError
 from jbench.store import Record
 from jbench.store.schema import ENCODER_TABLES

@@ -141,7 +141,7 @@ def sentence_about(kind: str, method: str) -> Iterator[None]:
 
 
 def options_with_epochs(
-    kind: str, options: Mapping[str, Any], episodes: int, episode_steps: int, seed: int
+    kind: str, options: Mapping[str, Any], episodes: int, episode_steps: float, seed: int
 ) -> dict[str, Any]:
     """Returns options with a number of epochs that suits the size of the dataset.
 

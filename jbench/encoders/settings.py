@@ -132,6 +132,7 @@ def encoder_settings(
     seed: int = 0,
     base: EncoderBase | None = None,
     episodes: int | None = None,
+    mean_steps: float | None = None,
     **values: Any,
 ) -> EncoderSettings:
     """Returns the settings of an encoder with every option of its kind.
@@ -142,8 +143,8 @@ def encoder_settings(
         task: name of the task.
         seed: random seed of the encoder.
         base: see `Kind.bases`.
-        episodes: number of the dataset, for epochs that suit it (`options_with_epochs`); None for
-            the epochs of the kind.
+        episodes: of the dataset, for epochs that suit it (`options_with_epochs`), if given.
+        mean_steps: control steps of these episodes on average; None for those of the time limit.
         values: the other settings.
 
     Raises:
@@ -162,7 +163,7 @@ def encoder_settings(
 
     full = made.values
     if episodes is not None:
-        length = find_task(task).episode_steps
+        length = find_task(task).episode_steps if mean_steps is None else mean_steps
         full = make_kind(kind, options_with_epochs(kind, given, episodes, length, seed)).values
 
     features = shortest(task, made.features)

@@ -1,4 +1,4 @@
-"""The scaled states of a dataset, and the pairs of them that encoders are trained on.
+"""The scaled states of a dataset, of which encoders are trained on pairs.
 
 Whole episodes are held out, so that no held-out state is adjacent to a training state. A dataset
 that does not fit in memory is read in each epoch, file by file in random order.
@@ -7,15 +7,16 @@ that does not fit in memory is read in each epoch, file by file in random order.
 import copy
 from collections.abc import Iterable, Iterator, Sequence
 from functools import reduce
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from jbench.datasets import Dataset
+from jbench.datasets.ending import EndingBlock
 from jbench.datasets.reader import Block
+from jbench.encoders.pairs import Shard
 from jbench.encoders.scaling import FloatArray, Moments, Scaling, physical_scaling
 from jbench.errors import RequestError
 from jbench.tasks.find import find_task
@@ -24,74 +25,13 @@ _SAMPLED = 128  # held-out episodes at most whose error is measured after each e
 MAX_HORIZON = 1000
 """Control steps that an encoder may look ahead, less one; no more than an episode has."""
 
-_MAX_PAIRS = 65536  # in a block
 _TEST_SHARE = 0.2  # of the episodes (paper, section 5.2: 20% of the data)
+
+AnyBlock = Block | EndingBlock
+"""Episodes of one length, or of different ones."""
 
 Scale = Literal["dataset", "observation", "sd"]
 """Scale of the features: extremes over the dataset to [-1, 1], as observed, or unit variance."""
-
-
-class StatePairs(NamedTuple):
-    """Training rows of scaled features."""
-
-    now: Tensor  # (rows, size) states to encode, corrupted by some kinds
-    later: Tensor  # (rows, size) clean states `steps_ahead` control steps later
-    actions: Any = None  # (rows, steps_ahead), if the kind uses actions
-    noise: Any = None  # (rows, latents) standard normal, of random latents
-    rewards: Any = None  # (rows, steps_ahead), if the kind uses actions
-
-    def split(self, rows: int) -> list["StatePairs"]:
-        """Returns parts of this many rows; the last one may be smaller."""
-        none = [None] * -(-len(self.now) // rows)
-        parts = [none if part is None else part.split(rows) for part in self]
-        return [StatePairs(*part) for part in zip(*parts, strict=True)]
-
-
-class Shard(NamedTuple):
-    """Whole episodes."""
-
-    states: Tensor  # (episodes, steps + 1, size) scaled: one before each action, and the last
-    actions: Tensor  # (episodes, steps), or (episodes, steps, action_size) of another robot
-    rewards: Tensor  # (episodes, steps) of the actions
-
-    def pairs(self, ahead: int) -> int:
-        """Returns the number of pairs of states `ahead` steps apart."""
-        return len(self.states) * (self.states.shape[1] - ahead)
-
-    def take(self, indices: Tensor, ahead: int, with_actions: bool = False) -> StatePairs:
-        """Returns pairs of states by index (rows,), counted through all episodes."""
-        states = self.states.view(-1, self.states.shape[-1])
-        if not ahead:
-            now = states.index_select(0, indices)
-            return StatePairs(now, now)
-
-        episode = indices // (self.states.shape[1] - ahead)
-        rows = indices + episode * ahead
-        batch = StatePairs(states.index_select(0, rows), states.index_select(0, rows + ahead))
-        if not with_actions:
-            return batch
-
-        steps = (rows - episode)[:, None] + torch.arange(ahead, device=rows.device)
-        actions = self.actions.flatten(0, 1)[steps].flatten(1)
-        return batch._replace(actions=actions, rewards=self.rewards.view(-1)[steps])
-
-    def only(self, columns: Sequence[int]) -> "Shard":
-        """Returns a copy with some of the features."""
-        return self._replace(states=self.states[..., list(columns)])
-
-    def to(self, device: torch.device) -> "Shard":
-        """Returns a copy on a device."""
-        return Shard(*(part.to(device) for part in self))
-
-
-def state_pairs(
-    shards: Iterable[Shard], ahead: int, with_actions: bool = False
-) -> Iterator[StatePairs]:
-    """Yields all pairs of states `ahead` steps apart, up to 65,536 at a time."""
-    for shard in shards:
-        indices = torch.arange(shard.pairs(ahead), device=shard.states.device)
-        for some in indices.split(_MAX_PAIRS):
-            yield shard.take(some, ahead, with_actions)
 
 
 def split_episodes(episodes: int, seed: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -138,7 +78,8 @@ class States:
         self._episodes = {"learned": learned, "held_out": held_out}
         self._memory = memory
         self._chosen_from: States | None = None  # it would be a cycle for all features
-        self._episode_bytes = (dataset.settings.episode_steps + 1) * self.size * 4
+        steps = dataset.control_steps / dataset.episodes  # of an episode, on average
+        self._episode_bytes = round((steps + 1) * self.size * 4)
         self.in_memory = dataset.episodes * self._episode_bytes <= memory
         self.device = torch.device("cpu")
         self._whole: dict[str, Shard] = {}  # empty before `read`, and if they do not fit in memory
@@ -201,14 +142,14 @@ class States:
 
     def _read_all(self) -> None:
         """Reads all files once: the extremes for the scaling, and the episodes that are kept."""
-        kept: dict[str, list[Block]] = {name: [] for name in self._episodes}
+        kept: dict[str, list[AnyBlock]] = {name: [] for name in self._episodes}
         moments = dict.fromkeys(self._episodes, Moments.of(np.empty((0, self.size))))
         extremes: list[Scaling] = []
-        for part, block in zip(self.dataset.parts, self.dataset.blocks(self.task), strict=True):
-            extremes.append(Scaling.of(block.observations))
+        for part, block in zip(self.dataset.parts, self._blocks(), strict=True):
+            extremes.append(Scaling.of(block.states))
             for name, episodes in self._episodes.items():
                 chosen = _chosen(block, part, episodes)
-                moments[name] = moments[name].merged(Moments.of(chosen.observations))
+                moments[name] = moments[name].merged(Moments.of(chosen.states))
                 is_sampled = name == "held_out" and _count(kept[name]) < _SAMPLED
                 if self.in_memory or is_sampled:
                     kept[name].append(chosen)
@@ -229,7 +170,7 @@ class States:
         if self.in_memory:
             self._whole = {"learned": self._shard(kept.pop("learned")), "held_out": held_out}
 
-        self.sample = Shard(*(part[:_SAMPLED] for part in held_out))
+        self.sample = held_out.first(_SAMPLED)
 
     def _shards(self, name: str, random: torch.Generator | None = None) -> Iterator[Shard]:
         """Yields the training or the held-out episodes, in shards that fit in memory."""
@@ -247,8 +188,8 @@ class States:
 
         # A third of the memory: a shard is joined while the previous one is still in use.
         max_episodes = max(1, self._memory // (3 * self._episode_bytes))
-        gathered: list[Block] = []
-        for part, block in zip(parts, self.dataset.blocks(self.task, parts), strict=True):
+        gathered: list[AnyBlock] = []
+        for part, block in zip(parts, self._blocks(parts), strict=True):
             chosen = _chosen(block, self.dataset.parts[part], self._episodes[name])
             if gathered and _count([*gathered, chosen]) > max_episodes:
                 yield self._shard(gathered)
@@ -259,21 +200,34 @@ class States:
         if gathered:
             yield self._shard(gathered)
 
-    def _shard(self, gathered: list[Block]) -> Shard:
+    def _blocks(self, parts: Iterable[int] | None = None) -> Iterator[AnyBlock]:
+        """Yields the episodes file by file."""
+        if self.dataset.has_one_length:
+            return self.dataset.blocks(self.task, parts)
+        return self.dataset.ending_blocks(self.task, parts)
+
+    def _shard(self, gathered: list[AnyBlock]) -> Shard:
         """Returns episodes as tensors on the device, their states scaled."""
-        states, *others = (np.concatenate(part) for part in zip(*gathered, strict=True))
+        arrays = [
+            block.in_a_row() if isinstance(block, EndingBlock) else block for block in gathered
+        ]
+        states, *others = (np.concatenate(part) for part in zip(*arrays, strict=True))
         gain, offset = self.scaling.gain_and_offset()
         states *= gain
         states += offset
-        return Shard(*map(torch.from_numpy, (states, *others))).to(self.device)
+        parts = [torch.from_numpy(part) for part in (states, *others)]
+        if not self.dataset.has_one_length:
+            *parts, followed = parts
+            parts = [*(part[None] for part in parts), followed]
+        return Shard(*parts).to(self.device)
 
 
-def _chosen(block: Block, part: range, episodes: NDArray[np.intp]) -> Block:
+def _chosen(block: Any, part: range, episodes: NDArray[np.intp]) -> Any:
     """Returns those of the episodes that are in a block, which has the numbers of `part`."""
     mask = np.isin(part, episodes)
-    return Block(*(values[mask] for values in block))
+    return type(block)(*(values[mask] for values in block))
 
 
-def _count(blocks: Iterable[Block]) -> int:
+def _count(blocks: Iterable[AnyBlock]) -> int:
     """Returns how many episodes blocks have."""
     return sum(len(block.rewards) for block in blocks)

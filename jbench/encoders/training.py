@@ -13,11 +13,12 @@ from jbench.cores import one_thread
 from jbench.encoders.evaluation import errors, predictions
 from jbench.encoders.kind import Fitted, Kind, Learned
 from jbench.encoders.loop import CHECKPOINT, WeightArrays, check_kind, encoder_tables, learn
+from jbench.encoders.pairs import state_pairs
 from jbench.encoders.registry import code_provenance, description, make_kind, sentence_about
 from jbench.encoders.saved import DESCRIPTION, WEIGHTS, SavedEncoder
 from jbench.encoders.scaling import rescaling
 from jbench.encoders.settings import EncoderSettings
-from jbench.encoders.states import States, state_pairs
+from jbench.encoders.states import States
 from jbench.errors import RequestError, WorkError
 from jbench.names import ENCODER_KINDS
 from jbench.store import Record, Results

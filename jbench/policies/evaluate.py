@@ -109,11 +109,12 @@ def _episodes(
         if step % 100 == 0:
             progress(episodes.start * settings.episode_steps + step * len(episodes))
 
+    lengths = np.broadcast_to(worlds.lengths(), len(episodes))
     rows = {
         "evaluation": [settings.id] * len(episodes),
         "episode": list(episodes),
         "episode_return": total,
-        "length": [settings.episode_steps] * len(episodes),
+        "length": lengths,
         **target,
     }
     ended = [world not in worlds.failures for world in range(len(episodes))]

@@ -32,7 +32,7 @@ class RunWriter:
     def __init__(self, record: Record, settings: ExternalSettings, encoder: Encoder | None) -> None:
         """Begins a run with no episode."""
         self.control_steps = 0  # over all environments
-        self.log = RunLog(record, settings.episode_steps)
+        self.log = RunLog(record)
         self.losses: dict[str, Any] = {}  # of the next episodes; read when one ends
         self.kept: tuple[SavedNetwork, int] | None = None  # after how many control steps
         self._record = record
@@ -58,13 +58,13 @@ class RunWriter:
                 self._stop(error)
             raise
 
-    def episode(self, episode_return: float) -> None:
+    def episode(self, episode_return: float, length: int) -> None:
         """Adds an ended training episode; a loss must be a finite number, else the run diverged."""
         losses = as_numbers(self.losses)
         if (name := divergent_loss(losses)) is not None:
             raise DivergedError(None, self.control_steps, name)
         self._clock.share([self.log])
-        self.log.episode(self.control_steps, episode_return, losses)
+        self.log.episode(self.control_steps, episode_return, losses, length)
         self.commit_if_due()
 
     def evaluate(self, act: Act, control_steps: int) -> NDArray[np.float64]:
@@ -77,7 +77,7 @@ class RunWriter:
             raise made.failure
 
         self._clock.share([self.log])
-        self.log.evaluation(control_steps, made.returns, made.path)
+        self.log.evaluation(control_steps, made.returns.tolist(), made.lengths.tolist(), made.path)
         return made.returns
 
     def commit_if_due(self) -> None:
@@ -182,6 +182,6 @@ class RecordedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
         # Removed, since a RecordEpisodeStatistics of the caller's own would refuse the key.
         episode = info.pop("episode", None)
         if episode is not None:
-            writer.episode(float(episode["r"]))
+            writer.episode(float(episode["r"]), int(episode["l"]))
 
         return observation, reward, terminated, truncated, info

@@ -71,22 +71,29 @@ def render_episode(
     at: Collection[int],
     progress: Callable[[int], object] = lambda steps: None,
 ) -> Iterator[Frame]:
-    """Yields images of the control steps `at`, 0 being the initial state; ends at the last one."""
+    """Yields images of the control steps `at`, 0 being the initial state; ends at the last one.
+
+    An episode that ends before has fewer images, and one of its last state.
+    """
     with contextlib.closing(scene.environment()) as env:
         observation, _ = env.reset(seed=scene.seed)
         policy.reset(1)
         episode_return = 0.0
+        is_over = False
         for step in range(max(at) + 1):
             if step:
                 action = np.asarray(policy.act(observation[None])[0], np.float32)
-                observation, reward, *_ = env.step(action)
+                observation, reward, terminated, truncated, _ = env.step(action)
                 episode_return += reward
-            if step in at:
+                is_over = terminated or truncated
+            if step in at or is_over:
                 words = find_task(scene.task).goal(observation)
                 picture = np.asarray(env.render())
                 yield Frame(step * scene.timestep, episode_return, words, picture)
 
             progress(step)
+            if is_over:
+                return
 
 
 def video_picture(frame: Frame, title: str, note: str) -> Picture:

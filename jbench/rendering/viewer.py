@@ -39,16 +39,17 @@ def view(policy: ActingPolicy, scene: Scene) -> int:
     observation, _ = env.reset(seed=scene.seed)
     policy.reset(1)
     others = set(threading.enumerate())
-    steps = 0
+    steps = begun = 0
     with _open_window(env) as window:
         due = time.perf_counter()
         while window.is_running():
             action = np.asarray(policy.act(observation[None])[0], np.float32)
             # The window's thread reads the state, and changes it when the mouse pulls the robot.
             with window.lock():
-                observation, *_ = env.step(action)
+                observation, _, terminated, truncated, _ = env.step(action)
                 steps += 1
-                if steps % task.episode_steps == 0:
+                if terminated or truncated or steps - begun == task.episode_steps:
+                    begun = steps
                     observation, _ = env.reset()
                     policy.reset(1)
 

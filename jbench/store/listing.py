@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from collections.abc import Collection, Mapping, Sequence
 from functools import partial
 from typing import Any, Literal
@@ -20,6 +21,8 @@ from jbench.store.evaluations import added_returns, evaluation_returns
 from jbench.store.files import DamagedError
 from jbench.store.manifest import MANIFEST, Kind
 from jbench.store.record import Record
+
+_CHECKPOINT = re.compile(r"checkpoint-(\d+)-")  # a role, with the control steps of its run
 
 Row = dict[str, Any]
 """Values by column."""
@@ -144,6 +147,20 @@ def list_runs(
     return lines, problems
 
 
+def committed_steps(record: Record) -> int:
+    """Returns the control steps of a run up to its last commit.
+
+    They are those of its newest checkpoint. Without one they follow from the number of episodes,
+    as if none had ended before its time limit.
+    """
+    saved = [int(match[1]) for role in record.roles() if (match := _CHECKPOINT.match(role))]
+    if saved:
+        return max(saved)
+    made = record.rows("episodes") * recorded_episode_steps(record.settings)
+    planned = record.settings.get("steps")
+    return min(made, planned) if isinstance(planned, int) else made
+
+
 def make_line(record: Record) -> Row:
     """Returns the line of a run or an import; null is what is unknown.
 
@@ -159,7 +176,7 @@ def make_line(record: Record) -> Row:
     episodes = (row["points"] or 0) if is_import else row["episodes"]
     done = record.manifest.summary.get("control_steps" if is_import else "steps_done")
     if not isinstance(done, int | float) or not math.isfinite(done):
-        done = 0 if is_import else episodes * recorded_episode_steps(record.settings)
+        done = 0 if is_import else committed_steps(record)
 
     line = {
         "run": record.id,

@@ -124,3 +124,15 @@ def processor() -> str:
             if line.startswith("model name"):
                 return line.split(":", 1)[1].strip()
     return platform.processor() or platform.machine()
+
+
+def with_note(before: Mapping[str, Any], note: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns provenance with another note on where work was continued."""
+    notes = before.get("continued")
+    return {**before, "continued": [*(notes if isinstance(notes, list) else []), note]}
+
+
+def with_more(before: Mapping[str, Any], facts: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns provenance with more facts in its last note on where work was continued."""
+    *earlier, last = before["continued"]
+    return {**before, "continued": [*earlier, {**last, **facts}]}

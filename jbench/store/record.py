@@ -16,7 +16,7 @@ from jbench.errors import WorkError
 from jbench.names import Status
 from jbench.store import files, listed, locks, schema
 from jbench.store.manifest import ID, MANIFEST, FileEntry, Json, Kind, Manifest
-from jbench.store.provenance import differences, provenance, utc_now
+from jbench.store.provenance import differences, provenance, utc_now, with_more, with_note
 from jbench.wording import with_results
 
 _Read = TypeVar("_Read")
@@ -227,12 +227,13 @@ class Record:
         """Records that work is resumed, and where; returns the `differences` of provenance."""
         before = self.manifest.provenance
         changed = differences(before, {**provenance(), **(made_on or {})})
-        notes = before.get("continued")
-        known = notes if isinstance(notes, list) else []
-        continued = [*known, {"at": utc_now(), **where, "changed": changed}]
-        made = {**before, "continued": continued}
+        made = with_note(before, {"at": utc_now(), **where, "changed": changed})
         self._update(status="unfinished", summary={}, provenance=made)
         return changed
+
+    def note(self, facts: Json) -> None:
+        """Adds facts to what the last call of `resume` recorded."""
+        self._update(provenance=with_more(self.manifest.provenance, facts))
 
     def finish(
         self,

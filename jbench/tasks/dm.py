@@ -2,6 +2,7 @@
 
 import hashlib
 import math
+import sys
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -15,6 +16,7 @@ from jbench.sources import checksum
 from jbench.tasks.dm_worlds import DmWorlds, EnvironmentTask, close
 from jbench.tasks.gym_adapter import GymAdapter
 from jbench.tasks.robot_checksum import robot_checksum
+from jbench.tasks.task import Worlds, rollout
 
 Make = Callable[[int], Any]  # returns a new environment with this seed
 
@@ -59,6 +61,7 @@ class DmTask(EnvironmentTask):
         self.parts, self.notes = self._read_parts(environment)
         self._minimum, self._maximum = self._read_bounds(environment)
         self.action_size = len(self._minimum)
+        self.ends_early = self.has_state_within_episode = _may_end_early(environment)
         self._check_columns()
         is_gymnasium = isinstance(environment, GymAdapter)
         random = getattr(getattr(environment, "task", None), "random", None)
@@ -125,16 +128,30 @@ class DmTask(EnvironmentTask):
         return self._minimum + scaled
 
     def check(self) -> None:
-        """Runs an episode of random actions; one that is not as in `Task` is a RequestError."""
-        random = np.random.default_rng(0)
+        """Runs an episode of random actions twice; notes if it does not repeat.
+
+        One that is not as in `Task` is a RequestError.
+        """
         try:
             with self.worlds(1) as worlds:
-                worlds.reset([random])
-                for _ in range(self.episode_steps):
-                    worlds.step(random.uniform(-1, 1, (1, self.action_size)))
-                    worlds.check()
+                once, again = (self._random_episode(worlds) for _ in range(2))
         except WorkError as error:
             raise RequestError(str(error)) from None
+        if not np.array_equal(once, again):
+            self.notes += (
+                "the same seed and actions made another episode, so its runs can't be reproduced; "
+                "one that is resumed truncates the episodes that it can't repeat",
+            )
+
+    def _random_episode(self, worlds: Worlds) -> NDArray[np.float32]:
+        """Returns the observations (steps + 1, size) of an episode of random actions."""
+        random, shape = np.random.default_rng(0), (1, self.action_size)
+        seen = [worlds.reset([random])]
+        worlds.check()
+        for step in rollout(worlds, seen[0], lambda _: random.uniform(-1, 1, shape)):
+            worlds.check()
+            seen.append(step.next_observations)
+        return np.concatenate(seen)
 
     def _read_parts(self, environment: Any) -> tuple[dict[str, int], tuple[str, ...]]:
         """Returns the sizes of the parts of an observation, and notes on those left out."""
@@ -168,7 +185,9 @@ class DmTask(EnvironmentTask):
     def _check_columns(self) -> None:
         """Refuses two columns of a dataset with one name; DuckDB ignores upper and lower case."""
         first: dict[str, str] = {}
-        for column in ("episode", "step", *self.labels, *self.action_labels, "reward"):
+        counts = "episode", "step"
+        ends = ("terminated", "truncated") if self.ends_early else ()
+        for column in (*counts, *self.labels, *self.action_labels, "reward", *ends):
             key = column.casefold()
             before = first.get(key)
             if before is None:
@@ -210,8 +229,9 @@ class DmTask(EnvironmentTask):
         limit = getattr(environment, "_step_limit", None)  # of dm_control's Environment
         if isinstance(limit, float) and math.isfinite(limit):
             return math.ceil(limit)
-        if isinstance(environment, GymAdapter) and environment.episode_steps is not None:
-            return environment.episode_steps
+        known = getattr(environment, "episode_steps", None)
+        if isinstance(known, int) and known > 0:
+            return known
         action = (self._minimum + self._maximum) / 2
         try:
             environment.reset()
@@ -230,13 +250,26 @@ class DmTask(EnvironmentTask):
             )
         if timestep.discount == 0:
             raise self._refusal(
-                f"its episode terminates at control step {steps}: give it a time limit, at which "
-                "it is truncated (discount 1), and no other end"
+                f"its episode terminates at control step {steps}, and its time limit is not known: "
+                "wrap it in gymnasium.wrappers.TimeLimit, or give a dm_env.Environment the "
+                "attribute episode_steps, control steps after which an episode is truncated"
             )
         return steps
 
     def _refusal(self, reason: str) -> RequestError:
         return RequestError(f"jbench can't use the task {self.name}: {reason}.")
+
+
+def _may_end_early(environment: Any) -> bool:
+    """Returns whether an episode of an environment may end before its time limit.
+
+    Only of dm_control's tasks it is known that they never do: those without `get_termination`.
+    """
+    task = getattr(environment, "task", None)
+    base = getattr(sys.modules.get("dm_control.rl.control"), "Task", None)
+    if base is None or not isinstance(task, base):
+        return True
+    return type(task).get_termination is not base.get_termination
 
 
 class _UnnamedError(TypeError):

@@ -22,7 +22,7 @@ class SuiteEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     """One world of a task of dm_control's suite or of another package.
 
     Observations are the parts of the task's observation, one after another; actions are scaled to
-    [-1, 1]. Episodes never terminate; they are truncated after the control steps of the task.
+    [-1, 1]. Episodes end as the task's do, and are truncated after its control steps.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}  # noqa: RUF012 - as in Gymnasium
@@ -55,7 +55,7 @@ class SuiteEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._given = task, render_mode, camera, width, height, augment
         self.task = task
         self.render_mode = render_mode
-        self._elapsed: int | None = None
+        self._is_begun = False
         worlds = robot_task.worlds(1, augment=augment)
         assert isinstance(worlds, DmWorlds)
         self._worlds = worlds
@@ -91,7 +91,7 @@ class SuiteEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._free_artist()  # the next episode may have another model
         observations = self._worlds.reset([self.np_random])
         self._worlds.check()
-        self._elapsed = 0
+        self._is_begun = True
         return observations[0].copy(), {}
 
     def step(
@@ -99,20 +99,19 @@ class SuiteEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Applies the action (action_size,) for one control step.
 
-        The last step of an episode is truncated. Raises a ResetNeeded after it, or before `reset`.
+        Raises a ResetNeeded after the last step of an episode, or before `reset`.
         """
         if np.shape(action) != self.action_space.shape:
             raise RequestError(
                 f"The action must have shape {self.action_space.shape}, not {np.shape(action)}."
             )
-        if self._elapsed is None or self._elapsed == self._worlds.episode_steps:
+        if not self._is_begun or self._worlds.are_over():
             raise ResetNeeded("Call reset before step.")
 
         observations, rewards = self._worlds.step(np.asarray(action)[None])
         self._worlds.check()
-        self._elapsed += 1
-        is_last = self._elapsed == self._worlds.episode_steps
-        return observations[0].copy(), float(rewards[0]), False, is_last, {}
+        terminated, truncated = bool(self._worlds.terminated[0]), bool(self._worlds.truncated[0])
+        return observations[0].copy(), float(rewards[0]), terminated, truncated, {}
 
     def render(self) -> NDArray[np.uint8] | None:
         """Returns an image (height, width, 3), or None without a render mode."""

@@ -1,8 +1,8 @@
 """Episodes of `dm_env` environments, side by side.
 
 They are begun and stepped by the environment's own `reset` and `step`, one world after another:
-observation and reward are Python, so threads would be slower. The only state is the seed of an
-episode, since many tasks write random targets into their model at each reset.
+observation and reward are Python, so threads would be slower. The state of an episode is its seed
+and the actions so far, since many tasks write random targets into their model at each reset.
 """
 
 from abc import abstractmethod
@@ -14,7 +14,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from jbench.errors import WorkError, sentence_of_failure
-from jbench.tasks.task import EpisodeError, Task, Worlds, WorldsState
+from jbench.tasks.task import EndingWorlds, EpisodeError, Task, WorldsState
 
 _ROUNDING = 1e-6  # by which rewards may exceed [0, 1]
 
@@ -43,15 +43,21 @@ class EnvironmentTask(Task):
         """Maps actions (..., action_size), clipped to [-1, 1], to the actuators' bounds."""
 
 
-class DmWorlds(Worlds):
+class DmWorlds(EndingWorlds):
     """Environments of one task, stepped one after another."""
 
     def __init__(self, task: EnvironmentTask, count: int) -> None:
-        self._task, self._steps, self.episode_steps = task, 0, task.episode_steps
+        self._task, self.episode_steps = task, task.episode_steps
         self.failures = {}
+        self.unlike = set()
         self.environments = [task.environment(0) for _ in range(count)]
+        self.elapsed = np.zeros(count, np.int64)
+        self.terminated = np.zeros(count, bool)
+        self.truncated = np.zeros(count, bool)
         self._seeds = np.zeros(count, np.int64)
         self._observations = np.zeros((count, task.observation_size), np.float32)
+        # The commands of the current episodes, by which they can be repeated.
+        self._commands: list[list[NDArray[np.float64]]] = [[] for _ in range(count)]
 
     def close(self) -> None:
         """Closes the environments."""
@@ -62,73 +68,133 @@ class DmWorlds(Worlds):
         self, generators: Sequence[Generator], yaw: float | None = None
     ) -> NDArray[np.float32]:
         """Begins an episode in each world with a seed of 32 bits from its generator."""
-        return self._begin(range(len(generators)), [int(g.integers(2**32)) for g in generators])
+        return self.begin(range(len(generators)), generators)
+
+    def begin(self, worlds: Sequence[int], generators: Sequence[Generator]) -> NDArray[np.float32]:
+        """See `EndingWorlds.begin`; an episode has a seed of 32 bits from its generator."""
+        self._observations = self._observations.copy()
+        for world, generator in zip(worlds, generators, strict=True):
+            self._begin(world, int(generator.integers(2**32)))
+        return self._observations
 
     def step(
         self, actions: NDArray[np.floating]
     ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Applies actions; a world that is not as in `Task` and `Worlds` fails."""
-        self._steps += 1
         rewards = np.zeros(len(self.environments))
-        observations = self._observations.copy()
+        self._observations = self._observations.copy()
         commands = self._task.commands(actions)
-        for i, environment in enumerate(self.environments):
-            if i in self.failures:
-                continue
-            try:
-                timestep = environment.step(commands[i])
-                rewards[i] = self._read_reward(timestep)
-                self._observe(observations[i], timestep.observation)
-            except Exception as error:
-                observations[i], rewards[i] = self._observations[i], 0.0
-                self._fail(i, error)
-        self._observations = observations
-        return observations, rewards
+        for world in range(len(self.environments)):
+            if not self._is_over(world):
+                rewards[world] = self._step(world, commands[world])
+        return self._observations, rewards
+
+    def are_over(self) -> bool:
+        """See `Worlds.are_over`."""
+        return all(self._is_over(world) for world in range(len(self.environments)))
+
+    def lengths(self) -> NDArray[np.int64]:
+        """See `Worlds.lengths`."""
+        return self.elapsed.copy()
 
     def state(self, rows: slice) -> WorldsState:
-        """Returns the seeds of the episodes of some worlds, before their first step."""
-        if self._steps:
+        """Returns the seeds and commands of the episodes of some worlds, and what they observe."""
+        if not self._task.has_state_within_episode and self.elapsed[rows].any():
             raise WorkError(f"{self._task.name} has a state between two episodes only.")
-        return {"seeds": self._seeds[rows].copy()}
+        seeds = self._seeds[rows].copy()
+        if not self._task.has_state_within_episode:
+            return {"seeds": seeds}
+        elapsed = self.elapsed[rows].copy()
+        commands = np.zeros((len(seeds), elapsed.max(), self._task.action_size))
+        for row, made in zip(commands, self._commands[rows], strict=True):
+            row[: len(made)] = np.reshape(made, (len(made), self._task.action_size))
+        return {
+            "seeds": seeds,
+            "elapsed": elapsed,
+            "commands": commands,
+            "observations": self._observations[rows].copy(),
+        }
 
     def restore(self, rows: slice, state: WorldsState) -> NDArray[np.float32]:
-        """Begins the episodes of `state` again in some worlds; returns all observations."""
-        worlds = range(rows.start, rows.stop)
-        return self._begin(worlds, np.asarray(state["seeds"]).tolist())
+        """Repeats the episodes of `state` in some worlds; returns all observations.
 
-    def _begin(self, worlds: Sequence[int], seeds: Sequence[int]) -> NDArray[np.float32]:
-        self._steps = 0
+        A world whose observation or end is then another one is in `unlike`. It has the observation
+        of `state`, and needs a new episode.
+        """
         self._observations = self._observations.copy()
-        for world, seed in zip(worlds, seeds, strict=True):
-            self._seeds[world] = seed
-            self.failures.pop(world, None)
-            try:
-                if self._task.reseeds:
-                    self._task.reseed(self.environments[world], seed)
-                else:
-                    close(self.environments[world])
-                    self.environments[world] = self._task.environment(seed)
-                timestep = self.environments[world].reset()
-                self._observe(self._observations[world], timestep.observation)
-            except Exception as error:
-                self._observations[world] = 0.0
-                self._fail(world, error)
+        seeds = state["seeds"].tolist()
+        for row, world in enumerate(range(rows.start, rows.stop)):
+            self._begin(world, seeds[row])
+            if "commands" not in state:
+                continue
+            elapsed = int(state["elapsed"][row])
+            for command in state["commands"][row, :elapsed]:
+                self._step(world, command)
+            observed = state["observations"][row]
+            is_alike = np.array_equal(self._observations[world], observed)
+            if self._is_over(world) or self.elapsed[world] != elapsed or not is_alike:
+                self.failures.pop(world, None)
+                self.unlike.add(world)
+                self.elapsed[world] = elapsed
+                self._observations[world] = observed
         return self._observations
 
+    def _is_over(self, world: int) -> bool:
+        """Returns whether a world is not stepped until its next episode."""
+        ended = bool(self.terminated[world] or self.truncated[world])
+        return ended or world in self.failures
+
+    def _begin(self, world: int, seed: int) -> None:
+        self._seeds[world] = seed
+        self._commands[world] = []
+        self.elapsed[world] = 0
+        self.terminated[world] = self.truncated[world] = False
+        self.failures.pop(world, None)
+        self.unlike.discard(world)
+        try:
+            if self._task.reseeds:
+                self._task.reseed(self.environments[world], seed)
+            else:
+                close(self.environments[world])
+                self.environments[world] = self._task.environment(seed)
+            timestep = self.environments[world].reset()
+            self._observe(self._observations[world], timestep.observation)
+        except Exception as error:
+            self._observations[world] = 0.0
+            self._fail(world, error)
+
+    def _step(self, world: int, command: NDArray[np.float64]) -> float:
+        """Applies a command (action_size,) to a world; returns its reward, 0 if it fails."""
+        self.elapsed[world] += 1
+        self._commands[world].append(command)
+        try:
+            timestep = self.environments[world].step(command.copy())
+            reward = self._read_reward(timestep)
+            self._observe(self._observations[world], timestep.observation)
+            self._note_end(world, timestep)
+        except Exception as error:
+            self._fail(world, error)
+            return 0.0
+        return reward
+
     def _read_reward(self, timestep: Any) -> float:
-        """Returns the reward of a control step, and checks that its episode ends in time."""
         reward = np.nan if timestep.reward is None else float(timestep.reward)
         if not np.isfinite(reward):
             raise _FlawError(f"its reward is {reward}")
         if self._task.has_unit_rewards and not -_ROUNDING <= reward <= 1 + _ROUNDING:
             raise _FlawError(f"its reward is {reward}, not in [0, 1]")
-        if timestep.last() and self._steps < self.episode_steps:
-            end = "is truncated" if timestep.discount else "terminates"
-            raise _FlawError(
-                f"its episode {end}, and jbench trains on episodes of one length, here "
-                f"{self.episode_steps} control steps: give it a time limit and no other end"
-            )
         return reward
+
+    def _note_end(self, world: int, timestep: Any) -> None:
+        """Notes whether a control step has ended the episode of a world."""
+        is_last = bool(timestep.last())
+        if is_last and timestep.discount == 0:
+            self.terminated[world] = True
+        elif is_last or self.elapsed[world] == self.episode_steps:
+            self.truncated[world] = True
+        is_early = is_last and self.elapsed[world] < self.episode_steps
+        if is_early and not self._task.ends_early:
+            raise _FlawError("its episode ends before its time limit")
 
     def _observe(self, row: NDArray[np.float32], values: Mapping[str, Any]) -> None:
         """Writes the parts of an observation, flattened in C order, into a row (size,)."""
@@ -150,7 +216,7 @@ class DmWorlds(Worlds):
         if not isinstance(error, _FlawError):
             reason = f"it fails ({' '.join(sentence_of_failure(error).split())})"
         self.failures[world] = EpisodeError(
-            self._task.name, int(self._seeds[world]), self._steps, reason
+            self._task.name, int(self._seeds[world]), int(self.elapsed[world]), reason
         )
 
 

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import gymnasium
 import numpy as np
 from gymnasium import spaces
+from gymnasium.wrappers import TimeLimit
 from numpy.typing import NDArray
 
 from jbench.errors import RequestError
@@ -55,8 +56,18 @@ class GymAdapter:
 
     @property
     def episode_steps(self) -> int | None:
-        """Control steps of the time limit of the environment's specification, if there is one."""
-        return None if self.env.spec is None else self.env.spec.max_episode_steps
+        """Control steps of the time limit of the environment, if one is known.
+
+        It is that of its specification, or of the wrapper `TimeLimit`.
+        """
+        if self.env.spec is not None and self.env.spec.max_episode_steps is not None:
+            return self.env.spec.max_episode_steps
+        env = self.env
+        while isinstance(env, gymnasium.Wrapper):
+            if isinstance(env, TimeLimit):
+                return env._max_episode_steps
+            env = env.env
+        return None
 
     def control_timestep(self) -> float | None:
         """Returns the simulated seconds in a control step; None if unknown."""

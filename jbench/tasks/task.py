@@ -47,7 +47,7 @@ class EpisodeError(WorkError):
 
 
 class Worlds(AbstractContextManager["Worlds"]):
-    """Robots of one task in separate worlds, stepped together; their episodes begin together.
+    """Robots of one task in separate worlds, stepped together; `reset` begins their episodes.
 
     A world's numbers depend neither on the other worlds nor on the number of threads. Use it as a
     context manager: it may hold threads.
@@ -89,8 +89,16 @@ class Worlds(AbstractContextManager["Worlds"]):
     ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Applies actions (worlds, action_size), clipped to [-1, 1], for one control step.
 
-        Returns the observations (worlds, size), a new array, and the rewards (worlds,) in [0, 1].
+        Returns the observations (worlds, size), a new array, and the rewards (worlds,).
         """
+
+    def are_over(self) -> bool:
+        """Returns whether the episodes of all worlds have ended before `episode_steps`."""
+        return False
+
+    def lengths(self) -> NDArray[np.int64] | int:
+        """Returns the control steps of the episodes that have ended, (worlds,) if they differ."""
+        return self.episode_steps
 
     @abstractmethod
     def state(self, rows: slice) -> WorldsState:
@@ -117,6 +125,32 @@ class Worlds(AbstractContextManager["Worlds"]):
         return {}
 
 
+class EndingWorlds(Worlds):
+    """Worlds whose episodes end on their own, each at its own control step.
+
+    A world whose episode has ended is not stepped until the next one begins: it has its last
+    observation and rewards of 0.
+
+    Attributes:
+        elapsed: (worlds,) control steps of the current episodes.
+        terminated: (worlds,) whether nothing follows the last state of an episode.
+        truncated: (worlds,) whether an episode has ended, but its last state was not terminal.
+        unlike: worlds whose episodes `restore` could not repeat with the same observation.
+    """
+
+    elapsed: NDArray[np.int64]
+    terminated: NDArray[np.bool_]
+    truncated: NDArray[np.bool_]
+    unlike: set[int]
+
+    @abstractmethod
+    def begin(self, worlds: Sequence[int], generators: Sequence[Generator]) -> NDArray[np.float32]:
+        """Begins an episode in some worlds, each with its generator; see `reset`.
+
+        Returns the observations (worlds, size) of all worlds.
+        """
+
+
 class HandWritten(Protocol):
     """A hand-written policy."""
 
@@ -128,14 +162,15 @@ class HandWritten(Protocol):
 
 
 class Task(Protocol):
-    """A task with episodes of a fixed length and actions in [-1, 1].
+    """A task with a time limit and actions in [-1, 1].
 
     What a task does not answer differently is unknown, as of a robot that jbench sees first.
 
     Attributes:
         parts: number of values of each part of the observation, in order, by name.
         control_timestep: simulated seconds in a control step; None if unknown.
-        episode_steps: control steps of an episode.
+        episode_steps: control steps of an episode, after which it is truncated.
+        ends_early: whether an episode may end before; then its worlds are `EndingWorlds`.
         specs: what settings record of the task besides its name; None for those of the Jitterbug.
         notes: what users should know of it, in a sentence each, without a full stop.
         description: the first line of the docstring of a user's task.
@@ -158,6 +193,7 @@ class Task(Protocol):
     control_timestep: float | None
     episode_steps: int
     specs: Specs | None
+    ends_early: bool = False
     notes: tuple[str, ...] = ()
     description: str = ""
     units: Sequence[str] | None = None
@@ -224,8 +260,13 @@ class ControlStep(NamedTuple):
 
 
 def rollout(worlds: Worlds, observations: NDArray[np.float32], act: Act) -> Iterator[ControlStep]:
-    """Yields the control steps of an episode in each world, from what `worlds.reset` returned."""
+    """Yields the control steps of an episode in each world, from what `worlds.reset` returned.
+
+    It ends with the longest of them.
+    """
     for _ in range(worlds.episode_steps):
+        if worlds.are_over():
+            return
         actions = np.asarray(act(observations))
         next_observations, rewards = worlds.step(actions)
         yield ControlStep(observations, actions, rewards, next_observations)

@@ -126,7 +126,7 @@ def _begin(
             continue
         position = checkpoint.position
         try:
-            log = RunLog(source, run.episode_steps, position)
+            log = RunLog(source, position)
             copy = None if source is record else copied(checkpoint, source, run.id)
         except UnreadableError:
             raise  # the rows may be intact: keep them
@@ -139,7 +139,7 @@ def _begin(
             before = {**source.manifest.provenance, "command": provenance()["command"]}
             resumed, continues = results.create("run", run.id, run.values, before), source.id
             resumed.append(*copy)
-            log = RunLog(resumed, run.episode_steps, position)
+            log = RunLog(resumed, position)
         steps = position.control_steps
         where: dict[str, Any] = {"control_steps": steps}
         if continues:
@@ -159,4 +159,4 @@ def _begin(
         continues = shorter[0].id if shorter and record is None else ""
         report(Event("resumed", run.id, " ".join(refused), continues=continues))
     record = results.create("run", run.id, run.values, made_on)
-    return Member(run, encoder, record, RunLog(record, run.episode_steps))
+    return Member(run, encoder, record, RunLog(record))

@@ -93,12 +93,17 @@ def derive_seeds(seed: int) -> tuple[int, int]:
 
 
 class Evaluation(NamedTuple):
-    """The returns (episodes,) of a policy, and the robot's path in the first, if there is one.
+    """The episodes of a policy.
 
-    `failure` is the error of the first episode that could not go on.
+    Attributes:
+        returns: (episodes,)
+        lengths: (episodes,) control steps.
+        path: the robot's in the first one, if there is one.
+        failure: error of the first episode that could not go on.
     """
 
     returns: NDArray[np.float64]
+    lengths: NDArray[np.int64]
     path: Path | None
     failure: EpisodeError | None = None
 
@@ -131,7 +136,7 @@ def evaluate_policies(
     # As many at a time as in other evaluations: a matrix product rounds by its size.
     block = settings.evaluate_episodes
     if not block:
-        return [Evaluation(np.zeros(0), None) for _ in seeds]
+        return [Evaluation(np.zeros(0), np.zeros(0, np.int64), None) for _ in seeds]
     episodes = block if episodes is None else episodes
     generators = [episode_generator(seed, number) for seed in seeds]
     task, augment = find_task(settings.task), settings.augment
@@ -151,8 +156,9 @@ def evaluate_policies(
     evaluations = []
     for parts in zip(*blocks, strict=True):
         returns = np.concatenate([part.returns for part in parts])
+        lengths = np.concatenate([part.lengths for part in parts])
         failures = [part.failure for part in parts if part.failure is not None]
-        evaluations.append(Evaluation(returns, parts[0].path, next(iter(failures), None)))
+        evaluations.append(Evaluation(returns, lengths, parts[0].path, next(iter(failures), None)))
     return evaluations
 
 
@@ -167,6 +173,7 @@ def _evaluations(
         if step % PATH_EVERY == 0:
             points.append(worlds.points())
     targets = worlds.targets()
+    lengths = np.broadcast_to(worlds.lengths(), len(total))
     evaluations = []
     for first in range(0, len(total), episodes):
         here = [point[first] for point in points if point is not None]
@@ -174,5 +181,6 @@ def _evaluations(
         path = Path(np.stack(here), target) if here else None
         stopped = [number for number in worlds.failures if number in range(first, first + episodes)]
         failure = worlds.failures[stopped[0]] if stopped else None
-        evaluations.append(Evaluation(total[first : first + episodes], path, failure))
+        mine = slice(first, first + episodes)
+        evaluations.append(Evaluation(total[mine], lengths[mine], path, failure))
     return evaluations

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from jbench.agents.engine import DivergedError
+from jbench.agents.environments import Ends
 from jbench.encoders import Encoder
 from jbench.errors import WorkError
 from jbench.policies.saved import SavedNetwork
@@ -21,6 +21,7 @@ from jbench.training.checkpoints import Checkpoint, newest, read_replay, save
 from jbench.training.engines import make_trainer
 from jbench.training.events import Event, Report
 from jbench.training.log import Clock, RunLog
+from jbench.wording import counted
 
 
 @dataclass
@@ -83,17 +84,17 @@ class TrainingGroup:
             else:
                 self._save()
 
-    def _after_step(self, returns: NDArray[np.float64] | None) -> bool:
-        """Writes what is due after a control step; returns whether to go on.
+    def _after_step(self, ends: Ends | None) -> bool:
+        """Writes what is due after a control step, with the episodes that ended, if any.
 
-        `returns` (seeds, environments) are of the episodes that ended, if any.
+        Returns whether to go on.
         """
         self._fail_diverged()
         self._fail_stopped()
         steps = self._engine.control_steps
-        if returns is not None and self._active():
+        if ends is not None and self._active():
             with part("rows"):
-                self._note_episodes(returns)
+                self._note_episodes(ends)
         if not (active := self._active()):
             return False
         if active[0][1].log.is_evaluation_due(self._settings.evaluate_every, steps):
@@ -101,7 +102,7 @@ class TrainingGroup:
         if steps == self._until:
             return False
         is_last = self._keep_state and self._engine.has_made(self._settings.steps)
-        if is_last or (returns is not None and self._clock.is_commit_due()):
+        if is_last or (ends is not None and self._clock.is_commit_due()):
             self._save()
         return True
 
@@ -112,6 +113,8 @@ class TrainingGroup:
                 row = checkpoint.replay_row
                 replay.restore(index, read_replay(member.record, row), row)
         self._engine.restore([checkpoint.state for checkpoint in checkpoints])
+        if self._engine.cut is not None:
+            self._note_cut(self._engine.cut)
         position = checkpoints[0].position
         if position.last_evaluation == position.control_steps:
             self._note_policies()
@@ -119,17 +122,37 @@ class TrainingGroup:
             if not checkpoint.newest:
                 self._save_one(index, only=True)
 
-    def _note_episodes(self, returns: NDArray[np.float64]) -> None:
-        """Records the returns (seeds, environments) of the episodes that have just ended."""
+    def _note_cut(self, cut: Ends) -> None:
+        """Records the episodes that could not be repeated, and that were truncated."""
+        self._note_episodes(cut)
+        steps = self._engine.control_steps
+        for index, member in self._active():
+            if count := int(cut.ended[index].sum()):
+                where = {"control_steps": steps, "episodes": count}
+                member.record.note({"truncated": where})
+                sentence = (
+                    f"{counted(count, 'episode')} did not repeat from the seed and the actions so "
+                    f"far: truncated at control step {steps:,}, where it was saved."
+                )
+                run = member.settings.id
+                self._report(Event("resumed", run, sentence, steps))
+
+    def _note_episodes(self, ends: Ends) -> None:
+        """Records the episodes that have just ended."""
         steps = self._engine.control_steps
         self._share_processor_time()
         for index, member in self._active():
-            if not np.isfinite(returns[index]).all():
+            ended = ends.ended[index]
+            if not ended.any():
+                continue
+            returns = ends.returns[index, ended]
+            if not np.isfinite(returns).all():
                 self._fail(member, DivergedError(self._engine.updates, steps, "episode_return"))
                 continue
             losses = self._engine.losses(index)
-            for episode_return in returns[index].tolist():
-                member.log.episode(steps, episode_return, losses)
+            lengths = ends.lengths[index, ended].tolist()
+            for episode_return, length in zip(returns.tolist(), lengths, strict=True):
+                member.log.episode(steps, episode_return, losses, length)
                 run = member.settings.id
                 self._report(Event("episode", run, steps=steps, episode_return=episode_return))
 
@@ -158,7 +181,9 @@ class TrainingGroup:
             if made.failure is not None:
                 self._fail(member, made.failure)
                 continue
-            member.log.evaluation(engine.control_steps, made.returns, made.path)
+            member.log.evaluation(
+                engine.control_steps, made.returns.tolist(), made.lengths.tolist(), made.path
+            )
         self._note_policies()
 
     def _note_policies(self) -> None:

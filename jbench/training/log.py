@@ -1,7 +1,7 @@
 """Log of a run: its episodes, evaluations and paths, and when they are committed."""
 
 import time
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import pyarrow as pa
@@ -37,11 +37,9 @@ class Position(Settings):
 class RunLog:
     """Pending rows of a run, and its progress, which includes them but for steps and wall time."""
 
-    def __init__(
-        self, record: Record, episode_steps: int, position: Position | None = None
-    ) -> None:
+    def __init__(self, record: Record, position: Position | None = None) -> None:
         """Starts the clock of a run, which resumes at a position; rows after it will be dropped."""
-        self._record, self._episode_steps = record, episode_steps
+        self._record = record
         self._rows: dict[str, list[dict[str, Any]]] = {name: [] for name in schema.RUN_TABLES}
         self.progress = position or Position(processor_time=0.0)
         self._began = time.perf_counter() - self.progress.wall_time
@@ -71,18 +69,43 @@ class RunLog:
         """Returns whether a multiple of `every` was passed since the last evaluation."""
         return control_steps // every != self.progress.last_evaluation // every
 
-    def episode(self, steps: int, episode_return: float, losses: Mapping[str, float]) -> None:
-        """Adds a training episode that has just ended, after these control steps."""
+    def episode(
+        self,
+        steps: int,
+        episode_return: float,
+        losses: Mapping[str, float],
+        length: int,
+    ) -> None:
+        """Adds a training episode that has just ended, after these control steps of the run.
+
+        `length` are the control steps of the episode.
+        """
         number = self.progress.episodes
-        row = {"episode": number, "episode_return": episode_return, **losses}
+        row = {
+            "episode": number,
+            "episode_return": episode_return,
+            "length": length,
+            **losses,
+        }
         self._add("episodes", steps, row)
         self._advance(episodes=number + 1)
 
-    def evaluation(self, steps: int, returns: Iterable[float], path: Path | None = None) -> None:
+    def evaluation(
+        self,
+        steps: int,
+        returns: Sequence[float],
+        lengths: Sequence[int],
+        path: Path | None = None,
+    ) -> None:
         """Adds an evaluation, with the path of its first episode; the first and last are kept."""
         number = self.progress.evaluations
-        for episode, episode_return in enumerate(returns):
-            row = {"evaluation": number, "episode": episode, "episode_return": episode_return}
+        for episode, (made, length) in enumerate(zip(returns, lengths, strict=True)):
+            row = {
+                "evaluation": number,
+                "episode": episode,
+                "episode_return": made,
+                "length": length,
+            }
             self._add("evaluations", steps, row)
         if path is not None:
             target = {f"target_{name}": path.target.get(name) for name in ("x", "y", "yaw")}
@@ -129,7 +152,6 @@ class RunLog:
         common = {
             "run": self._record.id,
             "control_steps": control_steps,
-            "length": self._episode_steps,
             "wall_time": self._wall_time(),
             "processor_time": self.progress.processor_time,
         }

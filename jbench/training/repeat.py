@@ -118,9 +118,9 @@ def retrain(
 ) -> Repeated:
     """Trains the first episodes of a run again, in a temporary directory.
 
-    The results contain its encoder. Parallel environments end their episodes together, so that they
-    may be a few more. Raises a RequestError if it has no episode, its loop was not jbench's, or its
-    encoder is missing, and a WorkError if the run is damaged, or its training fails here.
+    The results contain its encoder. Episodes of parallel environments may end together, so that
+    they may be a few more. Raises a RequestError if it has no episode, its loop was not jbench's,
+    or its encoder is missing, and a WorkError if the run is damaged, or its training fails here.
     """
     settings = read_run(record.settings)
     if isinstance(settings, ExternalSettings):
@@ -135,8 +135,8 @@ def retrain(
     if changed_code(record, results, accept_changed):
         now = code_hash(run_code(settings, results))
         settings = settings.model_copy(update={"accepted": now})
-    rounds = math.ceil(min(episodes, record.rows("episodes")) / settings.environments)
-    until = rounds * settings.episode_steps * settings.environments
+    ends = record.read("episodes")["control_steps"].to_pylist()
+    until = ends[min(episodes, len(ends)) - 1]
     recorded = _rows(record, "episode", "evaluation", until=until)
     evaluations = [number for _, kind, number, _ in recorded if kind == "evaluation"]
     with one_thread(), tempfile.TemporaryDirectory(prefix="jbench-") as directory:

@@ -102,8 +102,9 @@ def make_runs(
     min_steps = length * count
     if steps < min_steps:
         where = f" in each of {count} environments" if count > 1 else ""
+        ends = "is sure to end" if find_task(runs[0].task).ends_early else "would end"
         raise RequestError(
-            f"No episode of {runs[0].algo} would end in {steps} control steps: it takes "
+            f"No episode of {runs[0].algo} {ends} in {steps} control steps: it takes "
             f"{length}{where}; type {min_steps} or more."
         )
     _check_agent(runs[0])

@@ -1,6 +1,6 @@
 """An agent of stable-baselines3, or of a class with its interface, trained by its own loop."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from functools import partial
 from typing import Any
@@ -12,7 +12,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from jbench.agents import sb3
 from jbench.agents.engine import AfterStep, DivergedError, divergent_loss
-from jbench.agents.environments import SeedState
+from jbench.agents.environments import Ends, SeedState
 from jbench.encoders import Encoder, on_observations
 from jbench.policies.saved import SavedNetwork
 from jbench.settings.run import RunSettings
@@ -25,6 +25,7 @@ class SB3Engine(AbstractContextManager["SB3Engine"]):
 
     threads = 1
     replay = None
+    cut = None
 
     def __init__(self, settings: RunSettings, encoder: Encoder | None, seed: int) -> None:
         self._encoder = encoder
@@ -56,9 +57,7 @@ class SB3Engine(AbstractContextManager["SB3Engine"]):
         def on_step(values: dict[str, Any], _: object) -> bool:
             self._policy = None
             self._check(actions=values["actions"])
-            ended = [info["episode"]["r"] for info in values["infos"] if "episode" in info]
-            returns = np.array([ended], np.float64) if ended else None
-            return after_step(returns)
+            return after_step(_ends(values["infos"]))
 
         try:
             self._agent.learn(steps, on_step, log_interval=None)  # type: ignore[arg-type]
@@ -107,6 +106,20 @@ class SB3Engine(AbstractContextManager["SB3Engine"]):
         infinite = [name for name, numbers in values.items() if not np.isfinite(numbers).all()]
         for what in filter(None, (divergent_loss(sb3.losses(self._agent)), *infinite)):
             self.diverged.setdefault(0, DivergedError(self.updates, self.control_steps, what))
+
+
+def _ends(infos: Sequence[Mapping[str, Any]]) -> Ends | None:
+    """Returns the episodes that have ended, of one seed, if there are any."""
+    ended = [info for info in infos if "episode" in info]
+    if not ended:
+        return None
+    is_truncated = [info.get("TimeLimit.truncated", False) for info in ended]
+    return Ends(
+        np.ones((1, len(ended)), bool),
+        ~np.array([is_truncated]),
+        np.array([[info["episode"]["r"] for info in ended]], np.float64),
+        np.array([[info["episode"]["l"] for info in ended]], np.int64),
+    )
 
 
 def _made(environment: "RobotSequence") -> "RobotSequence":

@@ -15,9 +15,10 @@ from jbench.agents.algorithms import find_class
 from jbench.agents.plugin import Agent, is_resumable
 from jbench.errors import RequestError, WorkError
 from jbench.names import EVALUATION_EPISODES, evaluation_interval
-from jbench.settings.recorded import read_run, recorded_episode_steps
+from jbench.settings.recorded import read_run
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
+from jbench.store.listing import committed_steps
 from jbench.store.provenance import differences, provenance
 from jbench.tasks.find import code_provenance, find_task
 from jbench.wording import are, counted, repair_hint
@@ -47,10 +48,11 @@ def run_status(run: RunSettings, results: Results) -> RunStatus:
         return RunStatus("failed", run.steps, f"{error} {repair_hint(results.name)}")
     if record is None:
         kept = kept_runs(run, results)
-        return RunStatus("missing", max(0, run.steps - (_done(kept[0]) if kept else 0)))
+        done = committed_steps(kept[0]) if kept else 0
+        return RunStatus("missing", max(0, run.steps - done))
     if record.status == "finished":
         return RunStatus("finished", 0)
-    done = _done(record) if record.roles() else 0
+    done = committed_steps(record) if record.roles() else 0
     fails_again = record.status == "failed" and _fails_again(run, record)
     return RunStatus(record.status, max(0, run.steps - done), record.error or "", fails_again)
 
@@ -65,11 +67,6 @@ def _fails_again(run: RunSettings, record: Record) -> bool:
         return False
     now.pop("threads")  # of a worker, which may be other than this process
     return not differences(record.manifest.provenance, now)
-
-
-def _done(record: Record) -> int:
-    """Returns the control steps up to the last committed episode."""
-    return record.rows("episodes") * recorded_episode_steps(record.settings)
 
 
 def run_statuses(runs: Iterable[RunSettings], results: Results) -> dict[str, RunStatus]:

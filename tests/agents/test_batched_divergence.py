@@ -30,10 +30,10 @@ def poison(engine, network):
 def trained(engine, algo, poisoned_at=None):
     """Trains agents, one of which may be poisoned; returns the returns and state of the last."""
     returns = []
-    for ended in engine.learn(STEPS):
+    for ends in engine.learn(STEPS):
         if engine.control_steps == poisoned_at:
             poison(engine, POISONED[algo][0])
-        returns.append(None if ended is None else ended[2].tolist())
+        returns.append(None if ends is None else ends.returns[2].tolist())
     return returns, engine.state(2)
 
 

@@ -68,10 +68,10 @@ def short_engine(
 def trajectory(engine, index, steps=STEPS):
     """Trains; returns the observations, returns, losses and final state of a seed."""
     seen, returns, losses = [], [], []
-    for ended in engine.learn(steps):
+    for ends in engine.learn(steps):
         seen.append(engine.environments.observations[index].clone())
         losses.append(engine.losses(index))
-        returns.append(None if ended is None else ended[index].tolist())
+        returns.append(None if ends is None else ends.returns[index].tolist())
     tensors, scalars = engine.state(index)
     return torch.stack(seen), returns, losses, tensors, json.dumps(scalars)
 
@@ -242,9 +242,9 @@ def test_environments_equal_gymnasium_environment():
             np.testing.assert_array_equal(step.observations.reshape(4, -1), [d[0] for d in done])
             np.testing.assert_array_equal(step.rewards.reshape(4), [d[1] for d in done])
             returns += step.rewards.reshape(4)
-            assert (step.episode_returns is None) == (number % LENGTH != 0)
-            if step.episode_returns is not None:
-                np.testing.assert_array_equal(step.episode_returns.reshape(4), returns)
+            assert (step.ends is None) == (number % LENGTH != 0)
+            if step.ends is not None:
+                np.testing.assert_array_equal(step.ends.returns.reshape(4), returns)
                 returns[:] = 0
                 envs = plain[number // LENGTH]
                 seen = [env.reset()[0] for env in envs]
@@ -306,7 +306,7 @@ def test_action_noise_equals_stable_baselines3(algo):
         drawn = ours.draw([SimpleNamespace(actions=stream)])
         np.testing.assert_allclose(drawn[0, 0], theirs(), rtol=1e-6)
         if number == 60:
-            ours.reset()
+            ours.reset(np.ones((1, 1), bool))
             theirs.reset()
 
 

@@ -10,7 +10,7 @@ import torch
 from torch import nn
 
 import jbench
-from jbench.agents.environments import Environments
+from jbench.agents.ending_environments import make_environments
 from jbench.agents.plugin import pack, unpack
 from jbench.agents.plugin_engine import PluginEngine
 from jbench.errors import WorkError
@@ -60,13 +60,13 @@ class RandomAgent(jbench.Agent):
 
 
 def build_engine(kind=RandomAgent, task="face_direction", encoder=None, **options):
-    environments = Environments(task, [3], 2, [encoder], episode_steps=EPISODE)
+    environments = make_environments(task, [3], 2, [encoder], episode_steps=EPISODE)
     return PluginEngine("drawing", kind, kind.Settings(), environments, **options)
 
 
 def returns(engine, steps):
     """Trains for some control steps; returns those of the episodes that ended."""
-    return [ended.tolist() for ended in engine.learn(steps) if ended is not None]
+    return [ends.returns.tolist() for ends in engine.learn(steps) if ends is not None]
 
 
 # The second task has a state between two episodes only.
@@ -123,9 +123,9 @@ def test_agent_that_draws_on_gpu_continues_bit_for_bit(gpu):
     with build_engine(DrawingOnGPU, device=gpu) as other:
         other.restore([state])
         resumed = []
-        for ended in other.learn(40):
+        for ends in other.learn(40):
             other.act(np.ones((1, 5, 16), np.float32))  # as in an evaluation
-            resumed += [] if ended is None else [ended.tolist()]
+            resumed += [] if ends is None else [ends.returns.tolist()]
     assert resumed == whole
 
 

@@ -18,8 +18,8 @@ from jbench.encoders.kinds.variational import (
     divergence,
 )
 from jbench.encoders.loop import check_kind
+from jbench.encoders.pairs import StatePairs
 from jbench.encoders.registry import find_kind
-from jbench.encoders.states import StatePairs
 from jbench.encoders.training import train_encoder
 from jbench.errors import WorkError
 from jbench.names import ENCODER_KINDS

@@ -14,8 +14,8 @@ from jbench.encoders.evaluation import TARGETS, effective_rank, predictions
 from jbench.encoders.kinds.linear import DynamicModes, RandomFeatures, Scaled
 from jbench.encoders.kinds.predictive import Contrastive, ForwardModel, angle_periods, state_changes
 from jbench.encoders.loop import EncoderLearner
+from jbench.encoders.pairs import Shard, StatePairs
 from jbench.encoders.registry import make_kind
-from jbench.encoders.states import Shard, StatePairs
 from jbench.settings.records import DatasetSettings
 from jbench.store import Results
 from jbench.store.query import load

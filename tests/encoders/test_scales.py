@@ -8,9 +8,10 @@ from jbench.encoders import find_draws, find_encoder, load_encoder
 from jbench.encoders.kinds.autoencoders import DenoisingAutoencoder
 from jbench.encoders.kinds.linear import Raw, Scaled
 from jbench.encoders.kinds.planar import PlanarReduction
+from jbench.encoders.pairs import StatePairs
 from jbench.encoders.saved import WEIGHTS
 from jbench.encoders.scaling import rescaling
-from jbench.encoders.states import StatePairs, States, split_episodes
+from jbench.encoders.states import States, split_episodes
 from jbench.errors import RequestError
 from jbench.names import TASKS
 from jbench.store import Results

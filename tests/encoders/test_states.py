@@ -19,7 +19,7 @@ def generator(seed=0):
 
 def gathered(shards):
     """All episodes (episodes, 1001, size) and actions (episodes, 1000) of shards."""
-    states, actions, _ = zip(*shards, strict=True)
+    states, actions, *_ = zip(*shards, strict=True)
     return torch.cat(states).numpy(), torch.cat(actions).numpy()
 
 

@@ -108,7 +108,7 @@ def test_parts_of_an_observation_have_the_order_of_the_specification():
 @pytest.mark.parametrize(
     ("name", "sentence"),
     [
-        (f"{OWN}:EndsEarly", "its episode terminates at control step 5: give it a time limit"),
+        (f"{OWN}:EndsEarly", "its episode terminates at control step 5, and its time limit is not"),
         (f"{OWN}:WrongReward", "its reward is 1.*, not in"),
         (
             f"{OWN}:NotFinite",

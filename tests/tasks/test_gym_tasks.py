@@ -14,11 +14,10 @@ LAB = "tests.gym_tasks"
 @pytest.mark.parametrize(
     ("name", "sentence"),
     [
-        (f"{LAB}:falls", "its episode terminates at control step 7: give it a time limit"),
         (
-            "gym:Hopper-v5",
-            "of the episode with seed .*, its episode terminates, and jbench trains on episodes of "
-            "one length, here 1000 control steps",
+            f"{LAB}:falls_without_limit",
+            "its episode terminates at control step 7, and its time limit is not known: wrap it in "
+            "gymnasium.wrappers.TimeLimit",
         ),
         (f"{LAB}:huge_reward", "at control step 3 of the episode with seed .*, its reward is inf"),
         (f"{LAB}:discrete", "its actions are Discrete, and jbench trains on motors"),

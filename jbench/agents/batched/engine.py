@@ -154,6 +154,7 @@ class BatchedEngine(Engine, Generic[_Learner]):
             self._restore_loop(seed, under(_LOOP, state.tensors))
         self.control_steps, self.updates = first["control_steps"], first["updates"]
         self._collected = first["collected"]
+        self._truncate_unlike()
 
     def _draw_normal(self, shape: tuple[int, ...]) -> Tensor:
         generators = self.environments.generators

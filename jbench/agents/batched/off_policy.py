@@ -11,9 +11,10 @@ from torch import Tensor
 
 from jbench.agents.batched.engine import BatchedEngine
 from jbench.agents.batched.learner import OffPolicyLearner
+from jbench.agents.batched.pair_buffer import PairBuffer
 from jbench.agents.batched.replay import ReplayBuffer
 from jbench.agents.batched.updates import Updates
-from jbench.agents.environments import Environments, Generators, StepResult
+from jbench.agents.environments import Ends, Environments, Generators, StepResult
 from jbench.encoders.wrapper import input_mirror
 from jbench.settings.algorithms import OffPolicySettings
 
@@ -29,13 +30,17 @@ class OffPolicyEngine(BatchedEngine[OffPolicyLearner[Any]]):
         rollout_steps, self._due = settings.schedule(count)
         shape = seeds, count, environments.action_size
         self._noise = ActionNoise(settings, shape)
-        self._replay = ReplayBuffer(
-            *(seeds, count, settings.buffer_size, environments.size, environments.action_size),
-            flush_every=rollout_steps,
-            dtype=tensors.dtype,
-            device=tensors.device,
-            episode_steps=environments.episode_steps,
-        )
+        sizes = seeds, count, settings.buffer_size, environments.size, environments.action_size
+        about: dict[str, Any] = {
+            "flush_every": rollout_steps,
+            "dtype": tensors.dtype,
+            "device": tensors.device,
+        }
+        self._replay: ReplayBuffer
+        if environments.has_one_length:
+            self._replay = ReplayBuffer(*sizes, **about, episode_steps=environments.episode_steps)
+        else:
+            self._replay = PairBuffer(*sizes, **about)
         mirror = None
         if settings.mirror:
             mirror = _row_mirror(environments).to(tensors.device, tensors.dtype)
@@ -71,9 +76,21 @@ class OffPolicyEngine(BatchedEngine[OffPolicyLearner[Any]]):
 
     def _store(self, observations: Tensor, actions: NDArray[np.floating], step: StepResult) -> None:
         self.replay.add(actions, step.rewards, step.observations)
-        if step.episode_returns is not None:
-            self._noise.reset()
-            self.replay.begin(self.environments.observations)
+        if step.ends is not None:
+            nothing_follows = step.ends.terminated
+            if self._time_limit == "terminal":
+                nothing_follows = step.ends.ended
+            self.replay.end(nothing_follows)
+            self._begin_episodes(step.ends)
+
+    def _begin_episodes(self, ends: Ends) -> None:
+        self._noise.reset(ends.ended)
+        self.replay.begin(self.environments.observations)
+
+    def _truncate(self, step: StepResult) -> None:
+        # The value of the last observation stands for the missing rewards anyway.
+        assert step.ends is not None
+        self._begin_episodes(step.ends)
 
     def _update(self) -> None:
         self.replay.flush()
@@ -109,9 +126,9 @@ class ActionNoise:
         self._step = settings.noise_sigma * math.sqrt(settings.noise_dt)
         self.previous = np.zeros(shape)
 
-    def reset(self) -> None:
-        """Restarts the processes at the beginning of an episode."""
-        self.previous[:] = 0
+    def reset(self, begun: NDArray[np.bool_]) -> None:
+        """Restarts the processes where an episode begins, (seeds, environments)."""
+        self.previous[begun] = 0
 
     def draw(self, generators: Sequence[Generators]) -> NDArray[np.float64] | float:
         """Returns the next noise (seeds, environments, action_size); 0 if there is none."""

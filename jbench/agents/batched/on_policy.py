@@ -25,7 +25,7 @@ class OnPolicyEngine(BatchedEngine[PPO]):
         steps = settings.rollout_steps(count)
         width = environments.size + environments.action_size + COLUMNS
         self._rows = torch.zeros(seeds, count, steps, width, dtype=self.tensors.dtype)
-        self._ends = np.zeros(steps, bool)
+        self._ends = np.zeros((seeds, count, steps), bool)
         self.group_updates = [Epochs(settings, group, self._rows) for group in self.groups]
         self._explored: Tensor  # of the last call of `PPO.explore`
 
@@ -37,18 +37,30 @@ class OnPolicyEngine(BatchedEngine[PPO]):
 
     def _store(self, observations: Tensor, actions: NDArray[np.floating], step: StepResult) -> None:
         rewards = torch.from_numpy(step.rewards).to(self._rows.dtype)
-        ended = step.episode_returns is not None
-        if ended and self._time_limit == "bootstrap":
-            # The episode was truncated: its last state's value stands for the missing rewards.
-            values = self._run("value", step.observations)[..., 0]
-            rewards += self._settings.gamma * values
+        if step.ends is not None and self._time_limit == "bootstrap":
+            rewards += self._missing_rewards(step)
         row, size = self._rows[:, :, self._collected - 1], observations.shape[-1]
         # As the policy saw them that chose the actions: the update compares it with a newer policy,
         # and both must have the same inputs.
         row[..., :size].copy_(self._standardized(observations))
         row[..., size:-3].copy_(self._explored)
         row[..., -1].copy_(rewards)
-        self._ends[self._collected - 1] = ended
+        self._ends[..., self._collected - 1] = False if step.ends is None else step.ends.ended
+
+    def _missing_rewards(self, step: StepResult) -> Tensor:
+        """Returns what stands for the rewards after a truncation: gamma V of the last state.
+
+        It is (seeds, environments), and 0 where no episode was truncated.
+        """
+        assert step.ends is not None
+        truncated = torch.from_numpy(step.ends.ended & ~step.ends.terminated)
+        values = self._run("value", step.observations)[..., 0]
+        return torch.where(truncated, self._settings.gamma * values, 0.0)
+
+    def _truncate(self, step: StepResult) -> None:
+        assert step.ends is not None
+        self._rows[:, :, self._collected - 1, -1] += self._missing_rewards(step)
+        self._ends[..., self._collected - 1] |= step.ends.ended
 
     def _update(self) -> None:
         settings = self._settings
@@ -60,13 +72,14 @@ class OnPolicyEngine(BatchedEngine[PPO]):
         self.updates += settings.n_epochs
 
     def _loop_state(self, seed: int) -> dict[str, Tensor]:
-        ends = torch.from_numpy(self._ends[: self._collected])
+        ends = torch.from_numpy(self._ends[seed, :, : self._collected])
         return {"rollout": self._rows[seed, :, : self._collected], "ends": ends}
 
     def _restore_loop(self, seed: int, tensors: dict[str, Tensor]) -> None:
         rows = tensors["rollout"]
         self._rows[seed, :, : rows.shape[1]] = rows
-        self._ends[: rows.shape[1]] = tensors["ends"].numpy()
+        # Older versions saved whether all environments ended, (steps,).
+        self._ends[seed, :, : rows.shape[1]] = tensors["ends"].numpy()
 
 
 def estimate(
@@ -76,13 +89,15 @@ def estimate(
 
     Args:
         rows: (seeds, environments, steps, width) of a rollout; see `ppo.split_minibatch`.
-        ends: (steps,) whether the episodes ended with a step.
+        ends: (seeds, environments, steps), or less that broadcasts to it: whether an episode ended
+            with a step.
         last_values: (seeds, environments) values of the observations after the last step.
     """
     values, rewards, gamma = rows[..., -4], rows[..., -1], settings.gamma
     advantage, next_value = torch.zeros_like(last_values), last_values
-    for step in reversed(range(len(ends))):
-        continues = 0.0 if ends[step] else 1.0
+    going_on = torch.from_numpy(~ends).to(values.dtype).expand(values.shape)
+    for step in reversed(range(values.shape[-1])):
+        continues = going_on[..., step]
         value = values[:, :, step]
         delta = rewards[:, :, step] + gamma * next_value * continues - value
         advantage = delta + gamma * settings.gae_lambda * continues * advantage

@@ -53,6 +53,9 @@ class ReplayBuffer:
     of the row of the current observation, whose action is not yet known.
     """
 
+    knows_terminals = False
+    """Whether transitions differ in whether anything follows, also without a time limit."""
+
     def __init__(
         self,
         seeds: int,
@@ -93,8 +96,15 @@ class ReplayBuffer:
         row[..., -1].copy_(torch.from_numpy(rewards))
         self.row += 1
         self._current_row[..., : self._size].copy_(observations)
+        # The row of an episode's last observation has no transition of its own.
         if self.row % (self._episode_steps + 1) == self._episode_steps:
             self.row += 1
+
+    def end(self, nothing_follows: NDArray[np.bool_]) -> None:
+        """Notes after which transitions (seeds, environments) just added nothing follows.
+
+        Episodes of one length need no note.
+        """
 
     def flush(self) -> None:
         """Copies the rows added since the last call to the buffers."""
@@ -109,7 +119,7 @@ class ReplayBuffer:
         return max(0, self.row - self._ring + 1)
 
     def sample(
-        self, generator: Generator, updates: int, batch: int
+        self, generator: Generator, updates: int, batch: int, seed: int = 0
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
         """Samples rows and next rows of one seed's transitions uniformly, as indices in its buffer.
 

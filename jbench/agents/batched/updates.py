@@ -43,7 +43,7 @@ class Updates:
         """
         self.group, self._learner, self._replay = group, group.learner, replay
         self._size, self._gamma = settings.batch_size, settings.gamma
-        self._terminal = time_limit == "terminal"
+        self._has_terminals = replay.knows_terminals or time_limit == "terminal"
         self._source = replay.seed_rows(group.seeds)
         view, size, width = group.learner.view, settings.batch_size, self._source.shape[-1]
         self._indices, self._next_indices = (
@@ -115,15 +115,17 @@ class Updates:
         """Returns buffers (..., size, any), each with samples (count, ..., size, any)."""
         shape, noise = (count, self._size), self._batch.noise
         generators = [seed.updates for seed in self.group.generators]
+        pairs = zip(self.group.seeds, generators, strict=True)
         rows, next_rows, last = zip(
-            *(self._replay.sample(generator, *shape) for generator in generators), strict=True
+            *(self._replay.sample(generator, *shape, seed) for seed, generator in pairs),
+            strict=True,
         )
         stack, seed_rows = self.group.stack, len(self._source) // len(rows)
         samples = [
             (self._indices, stack(rows, seed_rows)),
             (self._next_indices, stack(next_rows, seed_rows)),
         ]
-        if self._terminal:
+        if self._has_terminals:
             discounts = [np.where(ends, 0, self._gamma)[..., None] for ends in last]
             samples.append((self._batch.discounts, stack(discounts)))
         if noise.shape[-1]:

@@ -9,7 +9,8 @@ from torch import Tensor
 
 from jbench.arrays import namespace
 from jbench.encoders.kind import Learned, Weights, affine, layers, standard_normal, tanh, tanh_
-from jbench.encoders.states import MAX_HORIZON, StatePairs
+from jbench.encoders.pairs import StatePairs
+from jbench.encoders.states import MAX_HORIZON
 from jbench.names import EncoderBase
 from jbench.settings.base import omissible
 from jbench.tasks.find import find_task

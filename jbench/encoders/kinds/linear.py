@@ -9,8 +9,9 @@ from pydantic import Field
 
 from jbench.encoders import scaling
 from jbench.encoders.kind import Fitted, Kind, Weights, tanh
+from jbench.encoders.pairs import state_pairs
 from jbench.encoders.scaling import FloatArray, Moments, inverse
-from jbench.encoders.states import MAX_HORIZON, States, state_pairs
+from jbench.encoders.states import MAX_HORIZON, States
 from jbench.tasks.find import find_task
 from jbench.tasks.jitterbug.geometry import Array
 

@@ -9,8 +9,9 @@ from pydantic import Field
 from torch import Tensor
 
 from jbench.encoders.kind import Learned, Weights, affine, layers, tanh
+from jbench.encoders.pairs import StatePairs, state_pairs
 from jbench.encoders.scaling import Moments, inverse
-from jbench.encoders.states import MAX_HORIZON, StatePairs, States, state_pairs
+from jbench.encoders.states import MAX_HORIZON, States
 from jbench.tasks.find import find_task
 from jbench.tasks.jitterbug.geometry import Array
 

@@ -7,7 +7,7 @@ from pydantic import Field
 from torch import Tensor
 
 from jbench.encoders.kind import Learned, Weights, affine, layers, standard_normal, tanh
-from jbench.encoders.states import StatePairs
+from jbench.encoders.pairs import StatePairs
 from jbench.tasks.find import find_task
 from jbench.tasks.jitterbug.geometry import Array
 

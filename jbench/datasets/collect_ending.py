@@ -1,0 +1,97 @@
+"""Collecting a random-policy dataset of a robot whose episodes may end early."""
+
+import contextlib
+from collections.abc import Callable
+
+import numpy as np
+import pyarrow as pa
+
+from jbench.datasets import ending, layout
+from jbench.datasets.ending import Episode
+from jbench.settings.records import DatasetSettings
+from jbench.store import Record
+from jbench.tasks.dm import DmTask
+from jbench.tasks.dm_worlds import DmWorlds
+from jbench.tasks.find import check_specs, find_task
+from jbench.tasks.task import EpisodeError, episode_generator
+
+_PART_STEPS = 10_000  # control steps per file and commit
+
+
+def collect_ending(
+    settings: DatasetSettings, record: Record, progress: Callable[[int], None]
+) -> None:
+    """Collects episodes until they have the control steps of the settings, or resumes that.
+
+    The actions are uniform in [-1, 1], every episode has its own generator, and the last one is
+    truncated where the steps are complete. Raises a RequestError if the robot has changed, and an
+    EpisodeError if an episode can't go on; those before it are kept.
+    """
+    check_specs(settings.robot, settings.specs)
+    task = find_task(settings.robot)
+    assert isinstance(task, DmTask)
+    with contextlib.closing(task.worlds(1)) as worlds:
+        while (done := layout.control_steps(record)) < settings.steps:
+            first = record.rows(layout.tables(task.name)[1])
+            part, failure = _part(settings, worlds, first, done, progress)
+            if part:
+                record.append(_tables(task, first, part))
+            if failure is not None:
+                raise failure
+
+
+def _part(
+    settings: DatasetSettings,
+    worlds: DmWorlds,
+    first: int,
+    done: int,
+    progress: Callable[[int], None],
+) -> tuple[list[Episode], EpisodeError | None]:
+    """Returns the episodes of a file, and the error of the next one if that can't go on."""
+    part: list[Episode] = []
+    end = min(done + _PART_STEPS, settings.steps)
+    progress(done)
+    while done < end:
+        random = episode_generator(settings.seed, first + len(part))
+        episode = _episode(settings, worlds, random, settings.steps - done)
+        if worlds.failures:
+            return part, worlds.failures[0]
+        part.append(episode)
+        done += len(episode.rewards)
+        progress(done)
+    return part, None
+
+
+def _episode(
+    settings: DatasetSettings, worlds: DmWorlds, random: np.random.Generator, most: int
+) -> Episode:
+    """Returns an episode of random actions in one world, of at most so many control steps."""
+    assert settings.specs is not None
+    size = len(settings.specs.action_minimum)
+    observations = [worlds.reset([random])[0]]
+    (seed,) = worlds.state(slice(0, 1))["seeds"].tolist()
+    actions = random.uniform(-1, 1, (settings.episode_steps, size)).astype(np.float32)
+    rewards: list[float] = []
+    for action in actions[:most]:
+        if worlds.are_over():
+            break
+        (observation,), (reward,) = worlds.step(action[None])
+        observations.append(observation)
+        rewards.append(reward)
+    return Episode(
+        seed,
+        np.stack(observations),
+        actions[: len(rewards)],
+        np.array(rewards, np.float32),
+        bool(worlds.terminated[0]),
+    )
+
+
+def _tables(task: DmTask, first: int, part: list[Episode]) -> dict[str, pa.Table]:
+    steps, seeds = layout.tables(task.name)
+    numbers = list(range(first, first + len(part)))
+    columns = {"episode": numbers, "seed": [episode.seed for episode in part]}
+    return {
+        steps: ending.table(first, part, layout.observations_schema(task)),
+        seeds: pa.table(columns, schema=layout.SEEDS),
+    }

@@ -1,0 +1,136 @@
+"""Tests of datasets whose episodes end early."""
+
+import numpy as np
+import pytest
+import torch
+
+from jbench.datasets import Dataset, collect, ending
+from jbench.datasets import collect_ending as collecting
+from jbench.datasets.export import export_minari, minari_id
+from jbench.encoders.pairs import state_pairs
+from jbench.encoders.states import States
+from jbench.errors import RequestError
+from jbench.settings.records import DatasetSettings
+from jbench.store import Results
+from jbench.tasks.find import dataset_robot, find_task
+from tests.gym_tasks import EPISODE
+
+LEAVES = "tests.gym_tasks:leaves"
+STEPS = 20 * EPISODE
+
+
+def collected(path, steps=STEPS):
+    settings = DatasetSettings(**dataset_robot(find_task(LEAVES)), steps=steps)
+    return Dataset(collect(settings, Results(path), threads=1))
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    return collected(tmp_path_factory.mktemp("ending"))
+
+
+def test_episodes_are_those_of_the_environment(dataset):
+    (block,) = dataset.ending_blocks(LEAVES)
+    assert dataset.control_steps == block.lengths.sum() == STEPS
+    assert not dataset.has_one_length
+    (entry,) = dataset.record.parts("seeds")
+    seeds = dataset.record.read_part(entry)["seed"].to_pylist()
+    env = find_task(LEAVES).environment(0).env
+    for i, seed in enumerate(seeds):
+        seen, _ = env.reset(seed=seed)
+        np.testing.assert_allclose(block.observations[i, 0, :2], seen["cart"], rtol=1e-6)
+        for step in range(block.lengths[i]):
+            command = 3 * (block.actions[i, step] + 1) - 2  # of [-2, 4]
+            seen, reward, terminated, truncated, _ = env.step(command[None].astype(np.float32))
+            np.testing.assert_allclose(
+                block.observations[i, step + 1, :2], seen["cart"], rtol=1e-4, atol=1e-6
+            )
+            assert block.rewards[i, step] == pytest.approx(reward, rel=1e-4, abs=1e-5)
+            has_ended = step == block.lengths[i] - 1
+            is_cut = i == len(seeds) - 1  # the last episode ends where the steps are complete
+            assert has_ended == (terminated or truncated) or (has_ended and is_cut)
+        assert block.terminated[i] == terminated
+
+
+def test_a_dataset_does_not_depend_on_interruptions(dataset, tmp_path, monkeypatch):
+    monkeypatch.setattr(collecting, "_PART_STEPS", 50)
+
+    class StoppedError(Exception):
+        pass
+
+    def stop(steps):
+        if steps > 130:
+            raise StoppedError
+
+    settings = dataset.settings
+    results = Results(tmp_path)
+    with pytest.raises(StoppedError):
+        collect(settings, results, 1, stop)
+    again = Dataset(collect(settings, results, threads=1))
+    assert len(again.parts) > 2
+    (whole,) = dataset.ending_blocks(LEAVES)
+    parts = [block.in_a_row() for block in again.ending_blocks(LEAVES)]
+    for column, one in enumerate(whole.in_a_row()):
+        np.testing.assert_array_equal(one, np.concatenate([part[column] for part in parts]))
+
+
+def test_episodes_of_different_lengths_are_no_block(dataset):
+    with pytest.raises(RequestError, match="ended early and have different lengths"):
+        next(dataset.blocks(LEAVES))
+
+
+def test_rows_that_are_no_whole_episodes_are_found(dataset):
+    steps, seeds = (
+        dataset.record.read_part(dataset.record.parts(name)[0])
+        for name in ("observations", "seeds")
+    )
+    episodes = range(dataset.episodes)
+    assert ending.flaw(steps, seeds, episodes, EPISODE) is None
+    without_first = ending.flaw(steps.slice(1), seeds, episodes, EPISODE)
+    assert without_first == "other rows than those of whole episodes in their order"
+    position = steps.column_names.index("terminated")
+    ends = steps["terminated"].to_pylist()
+    never = [None if end is None else False for end in ends]
+    lost = steps.set_column(position, steps.schema.field(position), [never])
+    without_end = ending.flaw(lost, seeds, episodes, EPISODE)
+    assert without_end == "an episode without its end, or an end within one"
+    assert ending.flaw(steps, seeds, episodes, EPISODE - 15) is not None
+
+
+def test_pairs_of_states_are_within_an_episode(dataset):
+    states = States(dataset, LEAVES, seed=0)
+    states.read(torch.device("cpu"))
+    (block,) = dataset.ending_blocks(LEAVES)
+    gain, offset = states.scaling.gain_and_offset()
+    for ahead in (0, 1, 3):
+        pairs = list(state_pairs([*states.learn(), *states.test()], ahead, with_actions=True))
+        assert sum(len(part.now) for part in pairs) == sum(
+            max(0, length + 1 - ahead) for length in block.lengths
+        )
+        known = {
+            tuple(np.concatenate([seen[t], seen[t + ahead]]).tolist())
+            for seen, length in zip(block.observations * gain + offset, block.lengths, strict=True)
+            for t in range(length + 1 - ahead)
+        }
+        found = torch.cat([torch.cat([part.now, part.later], 1) for part in pairs])
+        assert {tuple(row) for row in found.tolist()} == known
+    action = pairs[0].actions
+    assert action.shape[1] == 3
+
+
+def test_minari_has_terminations_and_truncations(dataset, tmp_path, monkeypatch):
+    minari = pytest.importorskip("minari")
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    export_minari(dataset, LEAVES, tmp_path)
+    loaded = minari.load_dataset(minari_id(dataset, LEAVES))
+    (block,) = dataset.ending_blocks(LEAVES)
+    assert len(loaded) == dataset.episodes
+    for episode, length, terminated in zip(
+        loaded.iterate_episodes(), block.lengths, block.terminated, strict=True
+    ):
+        assert len(episode.rewards) == length
+        assert len(episode.observations) == length + 1
+        assert episode.terminations[-1] == terminated
+        assert episode.truncations[-1] == (not terminated)
+        assert not episode.terminations[:-1].any()
+        assert not episode.truncations[:-1].any()

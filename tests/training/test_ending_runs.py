@@ -1,0 +1,94 @@
+"""Tests of runs whose episodes end early: seeds, kills, environments that do not repeat."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from jbench.store import Results
+from jbench.tasks.find import find_task
+from jbench.training.batched_run import run_batch
+from jbench.training.repeat import reevaluate, retrain
+from tests.gym_tasks import EPISODE
+from tests.training.small_runs import resumed, rows
+from tests.training.test_gym_runs import run_of
+from tests.training.test_resume import kill
+
+LEAVES = "tests.gym_tasks:leaves"
+DRIFTS = "tests.gym_tasks:drifts"
+
+
+def falling(algo, seed=0, task=LEAVES, **changes):
+    return run_of(algo, seed, task=task, specs=find_task(task).specs, **changes)
+
+
+@pytest.mark.parametrize("algo", ["td3", "sac", "ppo"])
+def test_seeds_that_end_at_different_steps_are_independent(algo, tmp_path):
+    runs = [falling(algo, seed) for seed in (0, 1)]
+    together, alone = Results(tmp_path / "together"), Results(tmp_path / "alone")
+    assert run_batch(runs, together) == {}
+    for run in runs:
+        assert run_batch([run], alone) == {}
+        record = together.find("run", run.id)
+        assert rows(record) == rows(alone.find("run", run.id))
+        assert reevaluate(together, record).verdict == "equal"
+        assert retrain(together, record, 4).verdict == "equal"
+    ends = [together.find("run", run.id).read("episodes")["control_steps"] for run in runs]
+    assert ends[0] != ends[1]
+
+
+def test_lengths_and_returns_are_those_of_the_environment(tmp_path):
+    results = Results(tmp_path)
+    run = falling("td3")
+    assert run_batch([run], results) == {}
+    record = results.find("run", run.id)
+    found = record.read("episodes").to_pylist()
+    lengths = [row["length"] for row in found]
+    assert min(lengths) < EPISODE
+    assert [row["control_steps"] for row in found] == list(itertools.accumulate(lengths))
+    evaluated = record.read("evaluations").to_pylist()
+    assert {row["control_steps"] for row in evaluated} == {2 * EPISODE, 4 * EPISODE}
+    assert all(1 <= row["length"] <= EPISODE for row in evaluated)
+    # A reward is -10 |position|, and the cart is on the rail until it leaves it.
+    assert all(-10 * row["length"] - 20 < row["episode_return"] < 0 for row in evaluated)
+
+
+def test_runs_killed_in_the_middle_of_episodes_resume_bit_for_bit(tmp_path):
+    runs = [falling("td3", seed) for seed in (0, 1)]
+    answer = kill(tmp_path, runs, at="writes", every=25)
+    reached = {steps for folder in answer["steps"] for both in folder for steps in both}
+    ends = {run.seed: outcome_ends(tmp_path / "whole", run) for run in runs}
+    # A commit at the end of one seed's episode is within an episode of the other seed.
+    assert (reached & ends[0]) - ends[1] or (reached & ends[1]) - ends[0]
+
+
+def outcome_ends(path, run):
+    return set(Results(path).find("run", run.id).read("episodes")["control_steps"].to_pylist())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("algo", ["td3", "sac", "ppo"])
+def test_runs_killed_at_random_times_resume_bit_for_bit(algo, tmp_path):
+    runs = [falling(algo, seed, steps=30 * EPISODE) for seed in (0, 1, 2)]
+    assert kill(tmp_path, runs, at="random", kills=15)["kills"] == 15
+
+
+@pytest.mark.parametrize("algo", ["td3", "ppo"])
+def test_episode_that_does_not_repeat_is_truncated_and_the_record_says_so(algo, tmp_path):
+    run, results, events = falling(algo, task=DRIFTS), Results(tmp_path), []
+    environments = run.environments
+    assert run_batch([run], results, until=15 * environments) == {}
+    record = results.find("run", run.id)
+    before = record.read("episodes").num_rows
+    assert run_batch([run], results, report=events.append) == {}
+    record = results.find("run", run.id)
+    (note,) = record.manifest.provenance["continued"]
+    assert note["truncated"]["control_steps"] == 15 * environments
+    count = note["truncated"]["episodes"]
+    assert 1 <= count <= environments
+    sentences = [text for _, _, text in resumed(events, [run]) if text]
+    assert any("truncated at control step" in sentence for sentence in sentences)
+    found = record.read("episodes").to_pylist()[before : before + count]
+    assert [row["control_steps"] for row in found] == [15 * environments] * count
+    assert sum(row["length"] for row in record.read("episodes").to_pylist()) <= run.steps
+    assert np.isfinite([row["episode_return"] for row in found]).all()

@@ -10,7 +10,7 @@ from tests.documentation import ROOT, code_of
 
 EXAMPLES = {
     "random_search": ("your-own-agent.md", "class "),
-    "tqc": ("your-own-rule.md", "class "),
+    "tqc": ("your-own-rule.md", "class TQC"),
     "third_party_encoder": ("your-own-encoder.md", "class FirstFeatures"),
 }
 """The page of a module, and a part of its block."""

@@ -58,7 +58,14 @@ def typed(algo, settings, seeds):
 def site(tmp_path_factory):
     """A folder with both packages."""
     folder = install("third_party_agent", "your-own-agent.md", "random_search.py", tmp_path_factory)
-    return install("third_party_rule", "your-own-rule.md", "tqc.py", tmp_path_factory, folder)
+    return install(
+        "third_party_rule",
+        "your-own-rule.md",
+        "tqc.py",
+        tmp_path_factory,
+        target=folder,
+        part="class TQC",
+    )
 
 
 @pytest.fixture
@@ -146,11 +153,11 @@ def test_runs_of_uninstalled_packages_are_listed_reported_and_verified(swept, ca
     [
         (("random-search", "--set", "noise=-1"), "noise of random-search can't be -1: .*greater"),
         (("random-search", "--set", "nose=1"), "has no setting nose; did you mean noise"),
-        (("random-search", "--settings", "sb3"), "settings sb3 are for ddpg.*own defaults"),
+        (("random-search", "--settings", "sb3"), "no settings sb3 for random-search.*own defaults"),
         (("without-state", "--keep-state"), "has no state and restore; leave --keep-state out"),
         (("tqc", "--set", "quantiles=0"), "quantiles of tqc can't be 0: .*greater"),
         (("tqc", "--set", "quantile=9"), "tqc has no setting quantile; did you mean quantiles"),
-        (("tqc", "--settings", "sb3"), "settings sb3 are for ddpg.*own defaults"),
+        (("tqc", "--settings", "sb3"), "no settings sb3 for tqc: it has its own defaults"),
         (("tqc", "--engine", "sb3"), "tqc has the engine batched, not sb3"),
         (("tqc", "--encoder", "ofe12"), "of the batched engine, not for tqc"),
         (("tqc", "--precision", "bfloat16"), "tqc does not learn in bfloat16"),
@@ -284,6 +291,9 @@ def test_algorithms_are_listed_with_settings_and_packages(installed, document, r
         "name": "random-search",
         "engine": "plugin",
         "package": "random-search-agent 1.0",
+        "description": (
+            "Changes a linear policy at random before each episode, and keeps the best one."
+        ),
         "settings": [
             {"name": "noise", "default": 0.5, "description": "standard deviation of a change"}
         ],

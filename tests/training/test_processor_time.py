@@ -41,10 +41,10 @@ def test_seeds_share_processor_time_evenly(seeds, tmp_path):
         record = only(tmp_path, run)
         # Two environments each end an episode at 100 and at 200 steps, followed by evaluations; the
         # first ones are committed at once. The last evaluation is at 240, the end of a rollout, and
-        # has as many episodes as the training.
+        # has half as many episodes as the training.
         assert times(record) == [
             [share, share, 4 * share, 4 * share],
-            [2 * share, 5 * share, *[6 * share] * 4],
+            [2 * share, 5 * share, 6 * share, 6 * share],
         ]
         assert record.manifest.summary["processor_time"] == 7 * share
     rows, _ = query.query_results(Results(tmp_path), "SELECT DISTINCT processor_time FROM runs")

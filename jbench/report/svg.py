@@ -106,6 +106,25 @@ def _clean(element: ElementTree.Element) -> None:
     for name, value in _STYLE.findall(element.attrib.pop("style", "")):
         element.set(name, _COLORS.get(value, value.removesuffix("px")))
 
+    _drop_what_is_default(element)
+    for name in ("d", "x", "y"):
+        if value := element.get(name):
+            element.set(name, _shortened(value))
+
+    series = element.get("id", "").removeprefix("series-")
+    if series.isdecimal():
+        element.set("data-series", series)
+
+    _replace_link(element)
+    element.text = element.text if element.tag in ("text", "title") else None
+    element.tail = None
+    _clean_children(element)
+    if element.tag == "g":
+        _share(element)
+
+
+def _drop_what_is_default(element: ElementTree.Element) -> None:
+    """Drops attributes that the page's style sheet has, or that draw nothing."""
     if element.get("fill") == "none" and element.get("stroke") in (None, _COLORS[style.LINE]):
         element.attrib.pop("clip-path", None)  # a place for the pointer, or a line of the grid
     if element.attrib.keys() - {"d"} == _GRID.keys() and _GRID.items() <= element.attrib.items():
@@ -118,16 +137,11 @@ def _clean(element: ElementTree.Element) -> None:
         for name in ("fill", "stroke", "stroke-width"):  # a tick, whose definition has them as well
             element.attrib.pop(name, None)
 
-    for name in ("d", "x", "y"):
-        if value := element.get(name):
-            element.set(name, _shortened(value))
 
-    series = element.get("id", "").removeprefix("series-")
-    if series.isdecimal():
-        element.set("data-series", series)
-
+def _replace_link(element: ElementTree.Element) -> None:
+    """Makes a link around marks a group with a title; other links lose their namespace."""
     link = element.attrib.pop(_LINK, None)
-    if element.tag == "a":  # a link around marks becomes a group with a title
+    if element.tag == "a":
         element.insert(0, title := ElementTree.Element("title"))
         title.text = link
         element.tag = "g"
@@ -135,17 +149,15 @@ def _clean(element: ElementTree.Element) -> None:
     elif link:
         element.set("href", link)
 
-    element.text = element.text if element.tag in ("text", "title") else None
-    element.tail = None
+
+def _clean_children(element: ElementTree.Element) -> None:
+    """Cleans the children; drops metadata, empty definitions, and ids that nobody refers to."""
     for child in list(element):
         _clean(child)
         if child.tag in ("metadata", "style") or (child.tag == "defs" and not len(child)):
             element.remove(child)
         elif element.tag != "defs":
             child.attrib.pop("id", None)  # only definitions are referred to
-
-    if element.tag == "g":
-        _share(element)
 
 
 def _share(group: ElementTree.Element) -> None:

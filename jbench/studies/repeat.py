@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -153,38 +153,35 @@ def _combinations(part: Mapping[str, Any]) -> set[tuple[str, str]]:
 
 def _shared(parts: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Takes what all parts share out of them, and returns it; also of each algorithm's parts."""
-    shared: dict[str, Any] = {}
     if len(parts) < 2:
-        return shared
-
-    for name in [name for name in parts[0] if name not in (*_OWN, "hyperparameters")]:
-        if all(part.get(name) == parts[0][name] for part in parts):
-            shared[name] = parts[0][name]
-    for part in parts:
-        for name in shared:
-            del part[name]
+        return {}
+    shared = _taken(parts, leaving=(*_OWN, "hyperparameters"))
 
     of_algorithms: dict[str, list[dict[str, Any]]] = {}
     for part in parts:
         ((algo, values),) = part["hyperparameters"].items()
         of_algorithms.setdefault(algo, []).append(values)
     for algo, tables in of_algorithms.items():
-        first = tables[0]
-        same = {
-            name: value
-            for name, value in first.items()
-            if all(name in table and table[name] == value for table in tables)
-        }
-        for table in tables:
-            for name in same:
-                del table[name]
-        if same:
+        if same := _taken(tables):
             shared[f"hyperparameters.{algo}"] = same
 
     for part in parts:
         if not any(part["hyperparameters"].values()):
             del part["hyperparameters"]
     return shared
+
+
+def _taken(tables: Sequence[dict[str, Any]], leaving: Collection[str] = ()) -> dict[str, Any]:
+    """Takes what all tables share out of them, but some keys, and returns it."""
+    same = {
+        name: value
+        for name, value in tables[0].items()
+        if name not in leaving and all(name in table and table[name] == value for table in tables)
+    }
+    for table in tables:
+        for name in same:
+            del table[name]
+    return same
 
 
 def _lines(part: Mapping[str, Any]) -> list[str]:

@@ -66,8 +66,7 @@ def _episode(
     settings: DatasetSettings, worlds: DmWorlds, random: np.random.Generator, most: int
 ) -> Episode:
     """Returns an episode of random actions in one world, of at most so many control steps."""
-    assert settings.specs is not None
-    size = len(settings.specs.action_minimum)
+    size = find_task(settings.robot).action_size
     observations = [worlds.reset([random])[0]]
     (seed,) = worlds.state(slice(0, 1))["seeds"].tolist()
     actions = random.uniform(-1, 1, (settings.episode_steps, size)).astype(np.float32)

@@ -96,6 +96,6 @@ def test_tasks_of_packages_are_listed(installed, monkeypatch, document):
 )
 def test_task_of_a_package_that_breaks_the_contract_is_refused(installed, typed, tmp_path, refused):
     error = refused(*typed, "--task", "ends-early", results=tmp_path / "results")
-    sentence = "its episode terminates at control step 5: give it a time limit"
+    sentence = "its episode terminates at control step 5, and its time limit is not known"
     assert error.startswith(f"Error: jbench can't use the task ends-early: {sentence}")
     assert not (tmp_path / "results").exists()

@@ -16,10 +16,7 @@ _DARK = "#1a1f27"  # text on these light colors, in both themes
 
 def kept(frames: Frames) -> Chart:
     """Returns the share of each feature that encoders of one layer keep, one row per encoder."""
-    note = (
-        "percentage of each feature of the observation that can be reconstructed from the latents: "
-        "blank if it is kept whole, 0 if it is lost; median over the draws of an encoder"
-    )
+    note = "percentage of each feature that is left in the latents (blank: 100); median over draws"
     panels = by_task(frames.kept, _draw_kept, _size)
     return Chart("kept", "What the encoder keeps", note, panels, **ROWS)
 

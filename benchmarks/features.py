@@ -16,7 +16,7 @@ import torch
 from jbench.agents.batched.learner import OffPolicyLearner
 from jbench.agents.batched.make import on_features
 from jbench.agents.batched.replay import Batch
-from jbench.agents.batched.td3 import TD3
+from jbench.agents.batched.td3 import TD3Learner
 from jbench.agents.batched.tensors import Tensors
 from jbench.settings.algorithms import TD3Settings
 from jbench.settings.records import OFESettings
@@ -34,7 +34,7 @@ def main() -> None:
     torch.set_num_threads(1)
     settings = TD3Settings()
     learners: dict[str, OffPolicyLearner[Any]] = {
-        "full": TD3(settings, _SIZE, 1, Tensors(1).select(0))
+        "full": TD3Learner(settings, _SIZE, 1, Tensors(1).select(0))
     }
     for units in _UNITS:
         ofe, part = OFESettings(units=units), Tensors(1).select(0)

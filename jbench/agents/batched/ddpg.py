@@ -8,7 +8,7 @@ from jbench.agents.batched.replay import Batch
 from jbench.settings.algorithms import DDPGSettings
 
 
-class DDPG(OffPolicyLearner[DDPGSettings]):
+class DDPGLearner(OffPolicyLearner[DDPGSettings]):
     """DDPG, for one seed or for a stack."""
 
     losses = ("actor_loss", "critic_loss")

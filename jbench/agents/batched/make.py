@@ -8,16 +8,16 @@ import torch
 from torch import nn
 
 from jbench.agents.batched.autograd import AutogradLearner
-from jbench.agents.batched.ddpg import DDPG
+from jbench.agents.batched.ddpg import DDPGLearner
 from jbench.agents.batched.learner import Learner
 from jbench.agents.batched.off_policy import OffPolicyEngine
 from jbench.agents.batched.on_features import OnFeatures
 from jbench.agents.batched.on_policy import OnPolicyEngine
-from jbench.agents.batched.ppo import PPO
+from jbench.agents.batched.ppo import PPOLearner
 from jbench.agents.batched.replay import Batch
 from jbench.agents.batched.rule import Rule, make_rule, mean_actor, parameter_names
-from jbench.agents.batched.sac import SAC
-from jbench.agents.batched.td3 import TD3
+from jbench.agents.batched.sac import SACLearner
+from jbench.agents.batched.td3 import TD3Learner
 from jbench.agents.batched.tensors import Tensors
 from jbench.agents.engine import CPU
 from jbench.agents.environments import Environments
@@ -28,7 +28,12 @@ from jbench.policies.actors import copy_module
 from jbench.settings.algorithms import AlgorithmSettings, OffPolicySettings, PPOSettings
 from jbench.settings.records import OFESettings
 
-LEARNERS: dict[str, type[Learner[Any]]] = {"ddpg": DDPG, "ppo": PPO, "sac": SAC, "td3": TD3}
+LEARNERS: dict[str, type[Learner[Any]]] = {
+    "ddpg": DDPGLearner,
+    "ppo": PPOLearner,
+    "sac": SACLearner,
+    "td3": TD3Learner,
+}
 """jbench's own update rules by name of the algorithm."""
 
 

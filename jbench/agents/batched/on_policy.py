@@ -7,13 +7,13 @@ from torch import Tensor
 
 from jbench.agents.batched.engine import BatchedEngine, Group
 from jbench.agents.batched.graphs import Captured
-from jbench.agents.batched.ppo import COLUMNS, PPO, split_minibatch
+from jbench.agents.batched.ppo import COLUMNS, PPOLearner, split_minibatch
 from jbench.agents.batched.tensors import Tensors
 from jbench.agents.environments import StepResult
 from jbench.settings.algorithms import PPOSettings
 
 
-class OnPolicyEngine(BatchedEngine[PPO]):
+class OnPolicyEngine(BatchedEngine[PPOLearner]):
     """Agents that learn from the transitions of their last rollout."""
 
     _settings: PPOSettings
@@ -27,7 +27,7 @@ class OnPolicyEngine(BatchedEngine[PPO]):
         self._rows = torch.zeros(seeds, count, steps, width, dtype=self.tensors.dtype)
         self._ends = np.zeros((seeds, count, steps), bool)
         self.group_updates = [Epochs(settings, group, self._rows) for group in self.groups]
-        self._explored: Tensor  # of the last call of `PPO.explore`
+        self._explored: Tensor  # of the last call of `PPOLearner.explore`
 
     def _explore(self, observations: Tensor) -> NDArray[np.floating]:
         shape = observations.shape[1], self.environments.action_size
@@ -109,7 +109,7 @@ def estimate(
 class Epochs:
     """The updates of one group of seeds after each rollout: shuffled minibatches."""
 
-    def __init__(self, settings: PPOSettings, group: Group[PPO], rollout: Tensor) -> None:
+    def __init__(self, settings: PPOSettings, group: Group[PPOLearner], rollout: Tensor) -> None:
         self.group, self._learner, self._settings = group, group.learner, settings
         rows = rollout[group.seeds.start : group.seeds.stop]
         # Transitions of each seed, environment by environment.

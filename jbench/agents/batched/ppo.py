@@ -36,7 +36,7 @@ def split_minibatch(rows: Tensor, action_size: int) -> Minibatch:
     return Minibatch(*rows[..., :-1].split([size, action_size, 1, 1, 1, 1], dim=-1))
 
 
-class PPO(Learner[PPOSettings]):
+class PPOLearner(Learner[PPOSettings]):
     """PPO, for one seed or for a stack."""
 
     losses = ("policy_loss", "value_loss", "entropy_loss")

@@ -18,7 +18,7 @@ _EPSILON = 1e-6
 _HALF_LOG_2_PI = 0.5 * math.log(2 * math.pi)
 
 
-class SAC(OffPolicyLearner[SACSettings]):
+class SACLearner(OffPolicyLearner[SACSettings]):
     """SAC, for one seed or for a stack."""
 
     losses = ("actor_loss", "critic_loss", "entropy_coefficient")

@@ -9,7 +9,7 @@ from jbench.agents.batched.replay import Batch
 from jbench.settings.algorithms import TD3Settings
 
 
-class TD3(OffPolicyLearner[TD3Settings]):
+class TD3Learner(OffPolicyLearner[TD3Settings]):
     """TD3, for one seed or for a stack."""
 
     losses = ("actor_loss", "critic_loss")

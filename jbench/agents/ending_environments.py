@@ -29,50 +29,39 @@ class EndingEnvironments(Environments):
     has_one_length = False
     _worlds: EndingWorlds
 
-    def step(self, actions: NDArray[np.floating]) -> StepResult:
-        """See `Environments.step`."""
-        worlds = self._worlds
-        robot_actions = (actions * self._signs).reshape(-1, self.action_size)
-        observations, rewards = worlds.step(robot_actions)
-        self._note_failures()
-        rewards = rewards.reshape(self._shape)
-        self._returns += rewards
-        self.observations = inputs = self._inputs(observations)
-        is_over = worlds.terminated | worlds.truncated | (worlds.elapsed >= self.episode_steps)
-        if not is_over.any():
-            return StepResult(rewards, inputs, None)
-
-        ended = is_over.reshape(self._shape)
-        ends = Ends(
-            ended,
-            worlds.terminated.reshape(self._shape).copy(),
-            self._returns.copy(),
-            worlds.elapsed.reshape(self._shape).copy(),
-        )
-        self._begin(ended)
-        return StepResult(rewards, inputs, ends)
-
     def truncate_unlike(self) -> StepResult | None:
         """See `Environments.truncate_unlike`."""
         if not self._worlds.unlike:
             return None
         ended = np.zeros(self._shape, bool)
         ended.reshape(-1)[list(self._worlds.unlike)] = True
+        observations = self.observations
+        ends = self._end(ended, np.zeros_like(ended))
+        return StepResult(np.zeros(self._shape), observations, ends)
+
+    def _end_episodes(self) -> Ends | None:
+        worlds = self._worlds
+        is_over = worlds.terminated | worlds.truncated | (worlds.elapsed >= self.episode_steps)
+        if not is_over.any():
+            return None
+        return self._end(
+            is_over.reshape(self._shape),
+            worlds.terminated.reshape(self._shape).copy(),
+        )
+
+    def _end(self, ended: NDArray[np.bool_], terminated: NDArray[np.bool_]) -> Ends:
+        """Ends episodes (seeds, environments), and begins the next ones."""
         ends = Ends(
             ended,
-            np.zeros_like(ended),
+            terminated,
             self._returns.copy(),
             self._worlds.elapsed.reshape(self._shape).copy(),
         )
-        cut = StepResult(np.zeros(self._shape), self.observations, ends)
-        self._begin(ended)
-        return cut
 
-    def _begin(self, ended: NDArray[np.bool_]) -> None:
-        """Begins an episode in some environments (seeds, environments)."""
         worlds = np.flatnonzero(ended).tolist()
         generators = list(chain.from_iterable(seed.environments for seed in self.generators))
         self._returns[ended] = 0.0
         begun = self._worlds.begin(worlds, [generators[world] for world in worlds])
         self.observations = self._inputs(begun)
         self._note_failures()
+        return ends

@@ -136,15 +136,8 @@ class Environments:
         self._note_failures()
         rewards = rewards.reshape(self._shape)
         self._returns += rewards
-        self.steps += 1
         self.observations = inputs = self._inputs(observations)
-        ends = None
-        if self.steps == self.episode_steps:
-            ends = Ends(self._all, ~self._all, self._returns, np.full(self._shape, self.steps))
-            self.episodes += 1
-            self._begin_episodes()
-
-        return StepResult(rewards, inputs, ends)
+        return StepResult(rewards, inputs, self._end_episodes())
 
     def encode(self, observations: Tensor) -> Tensor:
         """Maps observations (seeds, N, dim(O)) of the task to inputs (seeds, N, size)."""
@@ -191,6 +184,16 @@ class Environments:
         self.observations = self._inputs(self._worlds.restore(self._robots(seed), world))
         for generator, saved in zip(self.generators[seed].all(), scalars["streams"], strict=True):
             generator.bit_generator.state = saved
+
+    def _end_episodes(self) -> Ends | None:
+        """Returns the episodes that ended with a control step, if any, and begins the next ones."""
+        self.steps += 1
+        if self.steps != self.episode_steps:
+            return None
+        ends = Ends(self._all, ~self._all, self._returns, np.full(self._shape, self.steps))
+        self.episodes += 1
+        self._begin_episodes()
+        return ends
 
     def truncate_unlike(self) -> StepResult | None:
         """Truncates the episodes that `restore` could not repeat, and begins others.

@@ -1,5 +1,7 @@
 """Replay buffers of several seeds whose episodes end at different control steps."""
 
+from typing import Any
+
 import numpy as np
 import torch
 from numpy.random import Generator
@@ -20,32 +22,12 @@ class PairBuffer(ReplayBuffer):
 
     knows_terminals = True
 
-    def __init__(
-        self,
-        seeds: int,
-        environments: int,
-        capacity: int,
-        observation_size: int,
-        action_size: int,
-        *,
-        flush_every: int,
-        dtype: torch.dtype = torch.float32,
-        device: torch.device | str = "cpu",
-    ) -> None:
-        """Allocates buffers for `capacity` transitions per seed; a CPU's memory fills with them."""
-        new = flush_every + 1  # with the current observation
-        super().__init__(
-            seeds,
-            environments,
-            capacity,
-            observation_size,
-            action_size,
-            flush_every=new,
-            dtype=dtype,
-            device=device,
-            episode_steps=1,
-        )
+    def __init__(self, *sizes: int, flush_every: int, **tensors: Any) -> None:
+        """Allocates buffers; the arguments are those of `ReplayBuffer` but `episode_steps`."""
+        with_current_observation = flush_every + 1
+        super().__init__(*sizes, flush_every=with_current_observation, episode_steps=1, **tensors)
         # On the CPU, where minibatches are sampled.
+        seeds, environments = self._rows.shape[:2]
         self._is_terminal = np.zeros((seeds, environments, self._capacity), bool)
 
     def add(

@@ -72,7 +72,8 @@ class ReplayBuffer:
         """Allocates buffers for `capacity` transitions per seed; a CPU's memory fills with them."""
         self._episode_steps = episode_steps
         self._capacity = max(capacity // environments, 1)
-        self._ring, pending = self._span(self._capacity), self._span(flush_every)
+        self._ring = self._span(self._capacity)
+        pending = self._span(flush_every)
         self._environments, self._size = environments, observation_size
         width = observation_size + action_size + 1
         shape = seeds, environments

@@ -1,6 +1,7 @@
 """Whole episodes of scaled states, and the pairs of states that encoders are trained on."""
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import torch
@@ -25,7 +26,8 @@ class StatePairs(NamedTuple):
         return [StatePairs(*part) for part in zip(*parts, strict=True)]
 
 
-class Shard(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Shard:
     """Whole episodes: of one length, or one after another in a row.
 
     In the latter case `episodes` is 1, and `followed` is given; then each state has an action and
@@ -36,18 +38,19 @@ class Shard(NamedTuple):
     actions: Tensor  # (episodes, steps), or (episodes, steps, action_size) of another robot
     rewards: Tensor  # (episodes, steps) of the actions
     followed: Tensor | None = None  # (states,) number of states that follow in the same episode
+    _starts: dict[int, Tensor] = field(default_factory=dict, init=False, repr=False)
 
     def pairs(self, ahead: int) -> int:
         """Returns the number of pairs of states `ahead` steps apart."""
         if self.followed is not None:
-            return int((self.followed >= ahead).sum())
+            return len(self._starts_of(self.followed, ahead))
         return len(self.states) * (self.states.shape[1] - ahead)
 
     def take(self, indices: Tensor, ahead: int, with_actions: bool = False) -> StatePairs:
         """Returns pairs of states by index (rows,), counted through all episodes."""
         states = self.states.view(-1, self.states.shape[-1])
         if self.followed is not None:
-            rows = (self.followed >= ahead).nonzero()[:, 0][indices]
+            rows = self._starts_of(self.followed, ahead)[indices]
             now = states.index_select(0, rows)
             batch = StatePairs(now, states.index_select(0, rows + ahead) if ahead else now)
             return self._with_actions(batch, rows, ahead) if ahead and with_actions else batch
@@ -67,8 +70,18 @@ class Shard(NamedTuple):
             return Shard(self.states[:episodes], self.actions[:episodes], self.rewards[:episodes])
         ends = (self.followed == 0).nonzero()[:, 0]
         count = int(ends[min(episodes, len(ends)) - 1]) + 1
-        states, actions, rewards = (part[:, :count] for part in self[:3])
-        return Shard(states, actions, rewards, self.followed[:count])
+        return Shard(
+            self.states[:, :count],
+            self.actions[:, :count],
+            self.rewards[:, :count],
+            self.followed[:count],
+        )
+
+    def _starts_of(self, followed: Tensor, ahead: int) -> Tensor:
+        """Returns the rows of states that at least `ahead` states follow; they are found once."""
+        if ahead not in self._starts:
+            self._starts[ahead] = (followed >= ahead).nonzero()[:, 0]
+        return self._starts[ahead]
 
     def _with_actions(self, batch: StatePairs, rows: Tensor, ahead: int) -> StatePairs:
         """Returns pairs with `ahead` actions and rewards, from these (rows,) on."""
@@ -78,13 +91,17 @@ class Shard(NamedTuple):
 
     def only(self, columns: Sequence[int]) -> "Shard":
         """Returns a copy with some of the features."""
-        return self._replace(states=self.states[..., list(columns)])
+        return replace(self, states=self.states[..., list(columns)])
 
     def to(self, device: torch.device) -> "Shard":
         """Returns a copy on a device."""
         followed = None if self.followed is None else self.followed.to(device)
-        states, actions, rewards = (part.to(device) for part in self[:3])
-        return Shard(states, actions, rewards, followed)
+        return Shard(
+            self.states.to(device),
+            self.actions.to(device),
+            self.rewards.to(device),
+            followed,
+        )
 
 
 def state_pairs(

@@ -8,15 +8,13 @@ from matplotlib.axes import Axes
 
 from jbench.report import style
 from jbench.report.analysis.scores import ALL_TASKS
-from jbench.report.figures import marks
+from jbench.report.figures import cells, marks
 from jbench.report.figures.chart import ROWS, Chart, by_task
 from jbench.report.frames import Frames
 from jbench.report.policies import FULL_SPEED
 from jbench.statistics.bootstrap import DECIDING_SEEDS
 
 _PROFILES = 6  # lines that can be told apart
-_SHARES = colors.LinearSegmentedColormap.from_list("share", ["#e08214", "#f3f1ee", "#4d8fc4"])
-_DARK = "#1a1f27"  # text on the light colors of the pairs, in both themes
 _TARGET = "#d00000"
 
 
@@ -38,24 +36,16 @@ def pairs(frames: Frames) -> Chart:
 def _draw_pairs(rows: pd.DataFrame, axes: Axes) -> None:
     """Draws the share of pairs of runs in which one configuration beats another."""
     names = list(dict.fromkeys(rows["a_label"]))
-    share = rows.pivot_table(index="a_label", columns="b_label", values="p")
-    share = share.reindex(index=names, columns=names)
-    axes.pcolormesh(share.to_numpy(), cmap=_SHARES, vmin=0, vmax=1, clip_on=False)
+    shares = rows.pivot_table(index="a_label", columns="b_label", values="p")
+    shares = shares.reindex(index=names, columns=names)
+
+    numbered = [f"{i}. {name}" for i, name in enumerate(marks.shortened(names), 1)]
+    numbers = [str(i) for i in range(1, len(names) + 1)]
+    cells.draw_cells(axes, shares, numbered, numbers)
     size = mpl.rcParams["font.size"] * min(0.9, 10.5 / len(names))  # "100" fits into a cell
     for row in rows.to_dict("records"):
-        at = names.index(row["b_label"]) + 0.5, names.index(row["a_label"]) + 0.5
         weight = "bold" if row["decided"] else "normal"
-        text = f"{100 * row['p']:.0f}"
-        axes.text(*at, text, ha="center", va="center", color=_DARK, weight=weight, size=size)
-
-    middles = np.arange(len(names)) + 0.5
-    numbered = [f"{i}. {name}" for i, name in enumerate(marks.shortened(names), 1)]
-    axes.set_yticks(middles, numbered)
-    axes.set_xticks(middles, [str(i) for i in range(1, len(names) + 1)])
-    axes.set_ylim(len(names), 0)
-    axes.grid(visible=False)
-    axes.spines[:].set_visible(False)
-    axes.tick_params(length=0)
+        cells.write_cell(axes, shares, row["a_label"], row["b_label"], weight=weight, size=size)
 
 
 def profiles(frames: Frames) -> Chart:

@@ -16,8 +16,8 @@ from jbench import task_specs
 from jbench.task_specs import PHYSICS_STEPS, TASK_SPECS
 from jbench.tasks.jitterbug import model as robot
 from jbench.tasks.jitterbug import resets
-from jbench.tasks.jitterbug.features import features, flatten, observation
-from jbench.tasks.jitterbug.geometry import State, Target, heading
+from jbench.tasks.jitterbug.features import features, flatten
+from jbench.tasks.jitterbug.geometry import Array, State, Target, heading
 from jbench.tasks.jitterbug.rewards import reward, upright_reward
 from jbench.tasks.task import Worlds, WorldsState
 
@@ -141,10 +141,9 @@ class JitterbugWorlds(Worlds):
         self, actions: NDArray[np.floating]
     ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Applies actions (worlds, 1); see `Worlds.step`."""
-        self.robot_state = state = self._robots.step(actions[:, 0])
-        seen = features(self._task, state, self.target)
-        observations = np.asarray(flatten(self._task, seen), np.float32)
-        return observations, np.asarray(reward(self._task, state, self.target, seen))
+        state = self._robots.step(actions[:, 0])
+        seen = self._see(state)
+        return self._flat(seen), np.asarray(reward(self._task, state, self.target, seen))
 
     def state(self, rows: slice) -> WorldsState:
         """Returns the complete state of some worlds, at any control step."""
@@ -189,6 +188,13 @@ class JitterbugWorlds(Worlds):
         return {"x": position[:, 0], "y": position[:, 1], "yaw": yaw}
 
     def _observe(self, state: State) -> NDArray[np.float32]:
-        """Returns the observations (count, dim(O)) of a state."""
+        """Returns observations of a new state of the robots."""
+        return self._flat(self._see(state))
+
+    def _see(self, state: State) -> dict[str, Array]:
+        """Returns the features of a new state of the robots, in SI units."""
         self.robot_state = state
-        return np.asarray(observation(self._task, state, self.target), np.float32)
+        return features(self._task, state, self.target)
+
+    def _flat(self, seen: dict[str, Array]) -> NDArray[np.float32]:
+        return np.asarray(flatten(self._task, seen), np.float32)

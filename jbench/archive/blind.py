@@ -195,7 +195,7 @@ def _without_texts(summary: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _is_plain(name: str, value: Any) -> bool:
-    """Returns whether a part of a summary tells nothing of a place: `what` is jbench's own word."""
+    """Returns whether a part of a summary names no place; `what` is one of jbench's own words."""
     return name == "what" or not isinstance(value, str)
 
 

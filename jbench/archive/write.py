@@ -17,7 +17,7 @@ from jbench.report.request import Request
 from jbench.store import Record, Results, files
 from jbench.store.manifest import Kind
 from jbench.store.verify import verify
-from jbench.studies.repeat import matrix
+from jbench.studies.rebuilt_matrix import matrix
 
 _KINDS: tuple[Kind, ...] = ("encoder", "run", "evaluation", "import")
 """Kinds in an archive, those that others refer to first. Datasets are left out: encoders have

@@ -187,7 +187,7 @@ def _evaluation(make: _Make) -> str:
 
 
 def _state(make: _Make) -> str:
-    """Checks that a training goes on with the same numbers from its saved state."""
+    """Checks that a training resumed from its saved state has the same numbers."""
     with make([0]) as engine:
         _train(engine, episodes=1)
         saved = engine.state(0)
@@ -207,10 +207,10 @@ def _state(make: _Make) -> str:
     _check_equal(
         whole,
         resumed,
-        "training that is resumed gives other numbers than training that goes on: state must "
+        "resumed training gives other numbers than uninterrupted training: state must "
         "return everything that changes, and restore must set it again.",
     )
-    return "a resumed run goes on with the same numbers"
+    return "a resumed run has the numbers of an uninterrupted one"
 
 
 def _policy(make: _Make) -> str:

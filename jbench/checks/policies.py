@@ -22,7 +22,7 @@ def checks(name: str, task: str) -> Iterator[tuple[str, Callable[[], str]]]:
 
 
 def _find(name: str, task: str) -> ActingPolicy:
-    """Finds the policy anew, without what an episode left in it."""
+    """Returns a new copy of the policy, without what an episode left in the last one."""
     return find_policy(Results("results"), name, task)
 
 

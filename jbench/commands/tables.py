@@ -26,7 +26,7 @@ _NUMBER = re.compile(r"[-+]?[\d,.]+(e[-+]?\d+)?[%kM]?|nan|[-+]?inf|")
 _INTERVAL = re.compile(rf"(?:{_NUMBER.pattern})(?: \[[^\]]*\])?")
 _DIGITS = "0123456789.,"
 
-_UNBROKEN = 14  # a text of at most so many characters is never wrapped: ? undecided
+_UNBROKEN = 14  # characters of the longest text that is never wrapped: ? undecided
 _UNBROKEN_NUMBERS = 24  # one that begins with a number: 1,000,192 of 1,000,000
 _TEXT = 12  # least width of a column of longer texts
 _SHORTEST = 24  # characters that are kept of a long word, or more if two would become equal
@@ -63,7 +63,7 @@ class _Column:
         return max(map(cell_len, lines), default=0)
 
     def shortened(self, limit: int) -> "_Column":
-        """Returns the column with words of at most so many characters, if cells stay different."""
+        """Returns the column with words of at most `limit` characters, if cells stay different."""
         different = len(set(self.cells))
         while limit < self.natural:
             cells = [_shortened(cell, limit) for cell in self.cells]
@@ -192,7 +192,7 @@ def _shortened(cell: str, limit: int) -> str:
 
 
 def shortened(word: str, limit: int) -> str:
-    """Returns a text of at most so many characters: both ends, none of them within a number."""
+    """Returns a text of at most `limit` characters: both ends, none of them within a number."""
     if cell_len(word) <= limit:
         return word
 

@@ -65,7 +65,7 @@ def _part(
 def _episode(
     settings: DatasetSettings, worlds: DmWorlds, random: np.random.Generator, most: int
 ) -> Episode:
-    """Returns an episode of random actions in one world, of at most so many control steps."""
+    """Returns an episode of random actions in one world, of `most` control steps or fewer."""
     size = find_task(settings.robot).action_size
     observations = [worlds.reset([random])[0]]
     (seed,) = worlds.state(slice(0, 1))["seeds"].tolist()

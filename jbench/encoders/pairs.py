@@ -1,7 +1,6 @@
 """Whole episodes of scaled states, and the pairs of states that encoders are trained on."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import torch
@@ -26,8 +25,22 @@ class StatePairs(NamedTuple):
         return [StatePairs(*part) for part in zip(*parts, strict=True)]
 
 
-@dataclass(frozen=True, eq=False)
-class Shard:
+class Followed:
+    """How many states follow each state in its episode, where lengths of episodes differ."""
+
+    def __init__(self, counts: Tensor) -> None:
+        """Takes the numbers of states, (states,)."""
+        self.counts = counts
+        self._starts: dict[int, Tensor] = {}
+
+    def starts(self, ahead: int) -> Tensor:
+        """Returns the rows of states that at least `ahead` states follow; found once."""
+        if ahead not in self._starts:
+            self._starts[ahead] = (self.counts >= ahead).nonzero()[:, 0]
+        return self._starts[ahead]
+
+
+class Shard(NamedTuple):
     """Whole episodes: of one length, or one after another in a row.
 
     In the latter case `episodes` is 1, and `followed` is given; then each state has an action and
@@ -37,20 +50,19 @@ class Shard:
     states: Tensor  # (episodes, steps + 1, size) scaled: one before each action, and the last
     actions: Tensor  # (episodes, steps), or (episodes, steps, action_size) of another robot
     rewards: Tensor  # (episodes, steps) of the actions
-    followed: Tensor | None = None  # (states,) number of states that follow in the same episode
-    _starts: dict[int, Tensor] = field(default_factory=dict, init=False, repr=False)
+    followed: Followed | None = None
 
     def pairs(self, ahead: int) -> int:
         """Returns the number of pairs of states `ahead` steps apart."""
         if self.followed is not None:
-            return len(self._starts_of(self.followed, ahead))
+            return len(self.followed.starts(ahead))
         return len(self.states) * (self.states.shape[1] - ahead)
 
     def take(self, indices: Tensor, ahead: int, with_actions: bool = False) -> StatePairs:
         """Returns pairs of states by index (rows,), counted through all episodes."""
         states = self.states.view(-1, self.states.shape[-1])
         if self.followed is not None:
-            rows = self._starts_of(self.followed, ahead)[indices]
+            rows = self.followed.starts(ahead)[indices]
             now = states.index_select(0, rows)
             batch = StatePairs(now, states.index_select(0, rows + ahead) if ahead else now)
             return self._with_actions(batch, rows, ahead) if ahead and with_actions else batch
@@ -68,20 +80,10 @@ class Shard:
         """Returns the first of these episodes, up to a number."""
         if self.followed is None:
             return Shard(self.states[:episodes], self.actions[:episodes], self.rewards[:episodes])
-        ends = (self.followed == 0).nonzero()[:, 0]
+        ends = (self.followed.counts == 0).nonzero()[:, 0]
         count = int(ends[min(episodes, len(ends)) - 1]) + 1
-        return Shard(
-            self.states[:, :count],
-            self.actions[:, :count],
-            self.rewards[:, :count],
-            self.followed[:count],
-        )
-
-    def _starts_of(self, followed: Tensor, ahead: int) -> Tensor:
-        """Returns the rows of states that at least `ahead` states follow; they are found once."""
-        if ahead not in self._starts:
-            self._starts[ahead] = (followed >= ahead).nonzero()[:, 0]
-        return self._starts[ahead]
+        states, actions, rewards = (part[:, :count] for part in self[:3])
+        return Shard(states, actions, rewards, Followed(self.followed.counts[:count]))
 
     def _with_actions(self, batch: StatePairs, rows: Tensor, ahead: int) -> StatePairs:
         """Returns pairs with `ahead` actions and rewards, from these (rows,) on."""
@@ -91,17 +93,13 @@ class Shard:
 
     def only(self, columns: Sequence[int]) -> "Shard":
         """Returns a copy with some of the features."""
-        return replace(self, states=self.states[..., list(columns)])
+        return self._replace(states=self.states[..., list(columns)])
 
     def to(self, device: torch.device) -> "Shard":
         """Returns a copy on a device."""
-        followed = None if self.followed is None else self.followed.to(device)
-        return Shard(
-            self.states.to(device),
-            self.actions.to(device),
-            self.rewards.to(device),
-            followed,
-        )
+        followed = self.followed and Followed(self.followed.counts.to(device))
+        states, actions, rewards = (part.to(device) for part in self[:3])
+        return Shard(states, actions, rewards, followed)
 
 
 def state_pairs(

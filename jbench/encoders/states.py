@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from jbench.datasets import Dataset
 from jbench.datasets.ending import EndingBlock
 from jbench.datasets.reader import Block
-from jbench.encoders.pairs import Shard
+from jbench.encoders.pairs import Followed, Shard
 from jbench.encoders.scaling import FloatArray, Moments, Scaling, physical_scaling
 from jbench.errors import RequestError
 from jbench.tasks.find import find_task
@@ -216,10 +216,10 @@ class States:
         states *= gain
         states += offset
         parts = [torch.from_numpy(part) for part in (states, *others)]
-        if not self.dataset.has_one_length:
-            *parts, followed = parts
-            parts = [*(part[None] for part in parts), followed]
-        return Shard(*parts).to(self.device)
+        if self.dataset.has_one_length:
+            return Shard(parts[0], parts[1], parts[2]).to(self.device)
+        in_a_row = [part[None] for part in parts[:3]]
+        return Shard(in_a_row[0], in_a_row[1], in_a_row[2], Followed(parts[3])).to(self.device)
 
 
 def _chosen(block: Any, part: range, episodes: NDArray[np.intp]) -> Any:

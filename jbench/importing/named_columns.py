@@ -59,7 +59,7 @@ def read_named_columns(file: tables.ImportedFile) -> tables.CurveFile:
     metric = next((named[name] for name in _METRIC if name in named), None)
     if columns["return"] is None and metric is not None and _VALUE in named:
         columns["return"] = named[_VALUE]
-        table, kept = _of_returns(table, metric, file)
+        table, kept = _only_returns(table, metric, file)
         notes += kept
 
     for role in ("seed", "steps", "return"):
@@ -104,7 +104,7 @@ def _usual(column: str) -> str:
     return column.strip().lower().replace(" ", "_").replace("-", "_")
 
 
-def _of_returns(
+def _only_returns(
     table: pd.DataFrame, metric: str, file: tables.ImportedFile
 ) -> tuple[pd.DataFrame, list[str]]:
     """Returns the rows of the only metric that is a return, and a note on the others."""

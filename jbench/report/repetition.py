@@ -11,7 +11,7 @@ from jbench.report.data.configuration import IMPORTED
 from jbench.report.data.returns import FILE, clean
 from jbench.report.data.sources import Source
 from jbench.studies.commands import commands
-from jbench.studies.repeat import matrix
+from jbench.studies.rebuilt_matrix import matrix
 from jbench.wording import counted
 
 _NOT_TRAINED = (IMPORTED, FILE)

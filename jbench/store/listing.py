@@ -2,7 +2,6 @@
 
 import json
 import math
-import re
 from collections.abc import Collection, Mapping, Sequence
 from functools import partial
 from typing import Any, Literal
@@ -21,8 +20,7 @@ from jbench.store.evaluations import added_returns, evaluation_returns
 from jbench.store.files import DamagedError
 from jbench.store.manifest import MANIFEST, Kind
 from jbench.store.record import Record
-
-_CHECKPOINT = re.compile(r"checkpoint-(\d+)-")  # a role, with the control steps of its run
+from jbench.store.roles import CHECKPOINT
 
 Row = dict[str, Any]
 """Values by column."""
@@ -153,7 +151,7 @@ def committed_steps(record: Record) -> int:
     They are those of its newest checkpoint. Without one they follow from the number of episodes,
     as if none had ended before its time limit.
     """
-    saved = [int(match[1]) for role in record.roles() if (match := _CHECKPOINT.match(role))]
+    saved = [int(match[1]) for role in record.roles() if (match := CHECKPOINT.fullmatch(role))]
     if saved:
         return max(saved)
     made = record.rows("episodes") * recorded_episode_steps(record.settings)

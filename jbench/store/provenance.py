@@ -9,7 +9,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from functools import cache
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
 from jbench.cores import cores
@@ -108,9 +108,11 @@ def describe_changes(changed: Mapping[str, Sequence[object]]) -> str:
 
 
 def shell_command(recorded: Mapping[str, Any]) -> str:
-    """Returns the recorded command as it is typed in a shell."""
-    program, *arguments = map(str, recorded.get("command") or ["jbench"])
-    program = "jbench" if program == "__main__.py" else program
+    """Returns the recorded command as it is typed in a shell, with the names of programs."""
+    path, *arguments = map(str, recorded.get("command") or ["jbench"])
+    program = PurePath(path.replace("\\", "/")).name
+    if program == "__main__.py":
+        program = "jbench"
     if program.endswith(".py"):
         return shlex.join(["python", program, *arguments])
     return shlex.join([program, *arguments])

@@ -3,7 +3,6 @@
 import json
 import shlex
 from collections.abc import Iterable, Mapping
-from pathlib import PurePath
 from typing import Any
 
 from jbench.names import FULL, Base, in_ranges
@@ -16,10 +15,8 @@ from jbench.settings.algorithms import (
 from jbench.settings.base import canonical_json, typed_default
 from jbench.settings.recorded import Run, read_run
 from jbench.settings.run import TYPED, RunSettings
-from jbench.studies.repeat import Group, groups
-
-_PROGRAMS = ("jbench", "__main__.py")
-"""Names of files that are jbench."""
+from jbench.store.provenance import shell_command
+from jbench.studies.rebuilt_matrix import SameSettings, groups
 
 
 def commands(
@@ -33,15 +30,14 @@ def commands(
     typed: dict[str, None] = {}
     rest: list[Run] = []
     for settings, words in runs:
-        command = _recorded_command(words)
-        if command:
-            typed[command] = None
+        if isinstance(words, list) and words:
+            typed[shell_command({"command": words})] = None
         else:
             rest.append(read_run(settings))
-    return list(typed), [command_of(group) for group in groups(rest)]
+    return list(typed), [train_command(group) for group in groups(rest)]
 
 
-def command_of(group: Group) -> str:
+def train_command(group: SameSettings) -> str:
     """Returns the command that trains runs, where the results contain their encoder."""
     run = group.run
     words = ["jbench", "train", "--task", run.task, "--algo", run.algo]
@@ -110,13 +106,3 @@ def _set_value(value: Any) -> str:
     except ValueError:
         return value
     return json.dumps(value)
-
-
-def _recorded_command(words: object) -> str:
-    """Returns the words of a command as a line, with `jbench` for its path; "" if it is none."""
-    if not isinstance(words, list) or not words:
-        return ""
-    program, *arguments = map(str, words)
-    name = PurePath(program.replace("\\", "/")).name
-    begin = ["jbench"] if name in _PROGRAMS else ["python", name]
-    return shlex.join([*begin, *arguments])

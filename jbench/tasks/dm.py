@@ -1,6 +1,5 @@
 """Tasks that a `dm_env.Environment` or a Gymnasium environment implements."""
 
-import hashlib
 import math
 import sys
 from collections.abc import Callable, Mapping
@@ -15,7 +14,7 @@ from jbench.settings.records import Specs
 from jbench.sources import checksum
 from jbench.tasks.dm_worlds import DmWorlds, EnvironmentTask, close
 from jbench.tasks.gym_adapter import GymAdapter
-from jbench.tasks.robot_checksum import robot_checksum
+from jbench.tasks.robot_checksum import model_hash, robot_checksum
 from jbench.tasks.task import Worlds, rollout
 
 Make = Callable[[int], Any]  # returns a new environment with this seed
@@ -24,16 +23,6 @@ MAX_EPISODE_STEPS = 100_000
 """The longest episode of another robot, in control steps."""
 
 _UNBOUNDED = 1e9  # dm_control writes 1e10 for an actuator without limits
-
-# Fields of MuJoCo's model and its options by which two robots differ; not drawn ones, and none that
-# a later version might add.
-_PHYSICAL = """
-body_parentid body_pos body_quat body_mass body_inertia body_ipos jnt_type jnt_axis jnt_pos
-jnt_range jnt_stiffness dof_damping dof_armature dof_frictionloss geom_type geom_size geom_pos
-geom_quat geom_friction geom_contype geom_conaffinity site_pos tendon_stiffness tendon_damping
-actuator_gear actuator_gainprm actuator_biasprm actuator_ctrlrange actuator_forcerange
-"""
-_OPTIONS = ("timestep", "gravity", "wind", "density", "viscosity", "integrator")
 
 
 class DmTask(EnvironmentTask):
@@ -47,16 +36,18 @@ class DmTask(EnvironmentTask):
         takes_random: bool = True,
         files: Mapping[str, str] | None = None,
         description: str = "",
+        provenance: Callable[[], Mapping[str, Any]] | None = None,
     ) -> None:
         """Makes an environment and reads its specifications: RequestError if it is unusable.
 
         The seed must decide about its random numbers, or `takes_random` is false. `files` are those
         of a user's code, see `source_files`; None for a task of dm_control's suite, which its
-        version describes.
+        version describes, as does the lack of `provenance`, which returns that of the code.
         """
         self.name = name
         self.description = description
         self._make = make
+        self._provenance = provenance
         environment = self.environment(0)
         self.parts, self.notes = self._read_parts(environment)
         self._minimum, self._maximum = self._read_bounds(environment)
@@ -76,7 +67,7 @@ class DmTask(EnvironmentTask):
         self.control_timestep = timestep() if callable(timestep) else None
         self.episode_steps = self._measure_episode(environment)
         self.specs = Specs(
-            model=_model_hash(environment),
+            model=model_hash(environment),
             parts=list(self.parts),
             sizes=list(self.parts.values()),
             action_minimum=self._minimum.tolist(),
@@ -105,6 +96,14 @@ class DmTask(EnvironmentTask):
                 f"it is a {type(environment).__name__}, not a dm_env.Environment or a gymnasium.Env"
             )
         return environment
+
+    def code_provenance(self) -> dict[str, Any]:
+        """See `Task.code_provenance`."""
+        if self._provenance is None:
+            return {}
+        made = {f"task_{key}": value for key, value in self._provenance().items()}
+        compiled = self.specs.compiled
+        return made if compiled is None else {**made, "task_compiled": compiled}
 
     def reseed(self, environment: Any, seed: int) -> None:
         """Seeds the next episode of an environment."""
@@ -280,20 +279,3 @@ def _named(parts: Any) -> Mapping[str, Any]:
     if not isinstance(parts, Mapping) or not parts or not all(parts):
         raise _UnnamedError
     return {str(name): part for name, part in parts.items()}
-
-
-def _model_hash(environment: Any) -> str | None:
-    """Returns the SHA-256 of the physical parameters of an environment's MuJoCo model, if any.
-
-    They are rounded to six digits, so that other versions of MuJoCo compile the same model.
-    """
-    model = getattr(getattr(environment, "physics", None), "model", None)
-    if model is None:
-        return None
-    digest = hashlib.sha256()
-    for holder, names in ((model, _PHYSICAL.split()), (model.opt, _OPTIONS)):
-        for name in names:
-            values = np.atleast_1d(np.asarray(getattr(holder, name), np.float64)) + 0.0
-            text = " ".join(f"{value:.6g}" for value in values.ravel())
-            digest.update(f"{name} {values.shape} {text}\n".encode())
-    return digest.hexdigest()

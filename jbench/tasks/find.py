@@ -55,6 +55,7 @@ def find_task(name: str) -> Task:
             lambda seed: environment.make(),
             files=environment.files or None,
             description=environment.description,
+            provenance=lambda: gym_registry.provenance(name),
         )
     if plugins.is_imported(name):
         factory = plugins.imported("task", name)
@@ -100,20 +101,8 @@ def check_specs(name: str, recorded: Specs | None, accept_changed: bool = False)
 
 
 def code_provenance(name: str) -> dict[str, Any]:
-    """Returns provenance of the code of a task, and the checksum of its robot, if it is a user's.
-
-    Of an environment of an installed library it is the version of its package. Raises as
-    `find_task`.
-    """
-    specs = find_task(name).specs
-    if specs is None or name.startswith(SUITE):
-        return {}
-    if name.startswith(GYM):
-        code = gym_registry.provenance(name)
-    else:
-        code = plugins.provenance("task", name, installed_tasks())
-    made = {f"task_{key}": value for key, value in code.items()}
-    return made if specs.compiled is None else {**made, "task_compiled": specs.compiled}
+    """Returns `Task.code_provenance` of a task. Raises as `find_task`."""
+    return find_task(name).code_provenance()
 
 
 def unknown_task(name: str) -> RequestError:
@@ -166,4 +155,5 @@ def _made_by(name: str, factory: Any, files: Mapping[str, str]) -> DmTask:
         takes_random=takes_random,
         files=files,
         description=plugins.first_line(factory),
+        provenance=lambda: plugins.provenance("task", name, installed_tasks()),
     )

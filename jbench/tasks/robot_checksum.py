@@ -13,6 +13,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+# Fields of MuJoCo's model and its options by which two robots differ; not drawn ones, and none that
+# a later version might add.
+_COMPARED = """
+body_parentid body_pos body_quat body_mass body_inertia body_ipos jnt_type jnt_axis jnt_pos
+jnt_range jnt_stiffness dof_damping dof_armature dof_frictionloss geom_type geom_size geom_pos
+geom_quat geom_friction geom_contype geom_conaffinity site_pos tendon_stiffness tendon_damping
+actuator_gear actuator_gainprm actuator_biasprm actuator_ctrlrange actuator_forcerange
+"""
+_OPTIONS = ("timestep", "gravity", "wind", "density", "viscosity", "integrator")
+
 _DRAWN = re.compile(
     r"""
       (cam | light | mat | tex | skin)_.*          # cameras, lights, surfaces
@@ -106,3 +116,22 @@ def _has_camera_sensor(model: Any) -> bool:
 
     camera = int(mujoco.mjtObj.mjOBJ_CAMERA)
     return bool((model.sensor_objtype == camera).any() or (model.sensor_reftype == camera).any())
+
+
+def model_hash(environment: Any) -> str | None:
+    """Returns the SHA-256 of the physical parameters of an environment's MuJoCo model, if any.
+
+    They are those of the checksum of older records, which newer ones have beside the wider one of
+    `robot_checksum`. They are rounded to six digits, so that other versions of MuJoCo compile the
+    same model.
+    """
+    model = getattr(getattr(environment, "physics", None), "model", None)
+    if model is None:
+        return None
+    digest = hashlib.sha256()
+    for holder, names in ((model, _COMPARED.split()), (model.opt, _OPTIONS)):
+        for name in names:
+            values = np.atleast_1d(np.asarray(getattr(holder, name), np.float64)) + 0.0
+            text = " ".join(f"{value:.6g}" for value in values.ravel())
+            digest.update(f"{name} {values.shape} {text}\n".encode())
+    return digest.hexdigest()

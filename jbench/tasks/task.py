@@ -210,6 +210,13 @@ class Task(Protocol):
         """Returns a new hand-written policy, if there is one."""
         return None
 
+    def code_provenance(self) -> dict[str, Any]:
+        """Returns provenance of its code, and the checksum of its robot, if it is a user's.
+
+        Of an environment of an installed library it is the version of its package.
+        """
+        return {}
+
     def physical(self, observations: NDArray[np.floating]) -> NDArray[np.floating]:
         """Returns observations (..., dim(O)) in their units."""
         return observations

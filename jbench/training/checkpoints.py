@@ -24,12 +24,12 @@ from jbench.errors import WorkError
 from jbench.settings.base import Settings
 from jbench.store import Record
 from jbench.store.files import UnreadableError
+from jbench.store.roles import CHECKPOINT, checkpoint_role
 from jbench.training.log import Position, RunLog, rows_before
 
 FORMAT = 1
 
 _MAX_PIECES = 32  # of the replay buffer
-_STATE = re.compile(r"checkpoint-(\d+)-(\d+)\.safetensors")
 _PIECE = re.compile(r"replay-(\d+)-(\d+)\.safetensors")
 _ENVELOPE, _ROWS = "envelope", "rows"
 
@@ -80,7 +80,7 @@ def save(
         log.commit()
         return None
     roles = record.roles()
-    states = [match for role in roles if (match := _STATE.fullmatch(role))]
+    states = [match for role in roles if (match := CHECKPOINT.fullmatch(role))]
     ended = set(roles) if only else {match[0] for match in states[:-1]}  # two are kept
     files: dict[str, bytes] = {}
     row = 0
@@ -126,7 +126,7 @@ def copied(
 
 def newest(record: Record) -> set[str]:
     """Returns the roles of a run's newest checkpoint and of its replay buffer."""
-    states = [role for role in record.roles() if _STATE.fullmatch(role)]
+    states = [role for role in record.roles() if CHECKPOINT.fullmatch(role)]
     return {*states[-1:], *(piece.role for piece in _pieces(record.roles()))}
 
 
@@ -134,7 +134,7 @@ def load(record: Record) -> tuple[Checkpoint | None, list[str]]:
     """Returns the newest intact checkpoint, if any, and a sentence for each that is rejected."""
     refused: list[str] = []
     for role in reversed(record.roles()):
-        match = _STATE.fullmatch(role)
+        match = CHECKPOINT.fullmatch(role)
         if match is None:
             continue
         try:
@@ -184,7 +184,7 @@ def _state_file(checkpoint: Checkpoint, run: str) -> dict[str, bytes]:
     position, state = checkpoint.position, checkpoint.state
     envelope = _Envelope(format=FORMAT, run=run, position=position, scalars=state.scalars)
     header = torch.frombuffer(bytearray(envelope.model_dump_json().encode()), dtype=torch.uint8)
-    role = f"checkpoint-{position.control_steps:012d}-{checkpoint.replay_row:012d}.safetensors"
+    role = checkpoint_role(position.control_steps, checkpoint.replay_row)
     return {role: safetensors.torch.save({**state.tensors, _ENVELOPE: header})}
 
 

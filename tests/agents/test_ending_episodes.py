@@ -30,7 +30,7 @@ LEAVES = "tests.gym_tasks:leaves"
 SMALL = {"hidden_layers": [8], "batch_size": 8, "learning_starts": 20, "train_freq": 10}
 
 
-def ends_of(count, shape=()):
+def made_ends(count, shape=()):
     """Returns random terminations and truncations (count, ...), which exclude each other."""
     random = np.random.default_rng(8)
     terminated = random.uniform(size=(count, *shape)) < 0.2
@@ -40,7 +40,7 @@ def ends_of(count, shape=()):
 def fill_both(theirs, ours, data):
     """Adds the same transitions to stable-baselines3's buffer and to ours, as engines do."""
     observations, actions, rewards, next_observations, _ = data
-    terminated, truncated = ends_of(len(rewards))
+    terminated, truncated = made_ends(len(rewards))
     for i in range(len(rewards)):
         info = {"TimeLimit.truncated": bool(truncated[i])}
         done = np.array([terminated[i] or truncated[i]])
@@ -107,7 +107,7 @@ def test_buffer_has_the_last_transitions_and_their_ends(steps, environments):
     shape, capacity = (2, environments), 20
     buffer = PairBuffer(*shape, capacity * environments, 3, 2, flush_every=5)
     random = np.random.default_rng(0)
-    terminated, truncated = ends_of(steps, shape)
+    terminated, truncated = made_ends(steps, shape)
     past = []
     seen = random.normal(size=(*shape, 3)).astype(np.float32)
     buffer.begin(torch.from_numpy(seen))

@@ -9,20 +9,20 @@ from jbench.report.encoders import descriptions
 from jbench.report.frames import Frames
 from jbench.report.repetition import drops, repetition
 from jbench.store import query
-from jbench.studies.repeat import matrix
+from jbench.studies.rebuilt_matrix import matrix
 from tests.store.store_rows import alter_manifest
 from tests.training.small_runs import small_run
 
 RETURNS = [100.0] * 8
 
 
-def text_of(frames):
+def page_text(frames):
     return page.render(frames, [])
 
 
 def test_page_says_that_no_run_dropped_out(fabric):
     fabric.run(RETURNS)
-    assert '<p class="drops">Drops: none.</p>' in text_of(Frames(fabric.results))
+    assert '<p class="drops">Drops: none.</p>' in page_text(Frames(fabric.results))
 
 
 def test_page_counts_runs_that_failed_or_are_left_out(fabric):
@@ -58,7 +58,7 @@ def test_page_has_the_matrix_and_the_commands(fabric):
     assert repeat.typed == ["jbench train --algo td3 --seeds '0<1'"]
     (rebuilt,) = repeat.rebuilt
     assert "--seeds 5 --steps 8000" in rebuilt
-    shown = re.findall(r"<pre[^>]*>(.*?)</pre>", text_of(found), re.S)
+    shown = re.findall(r"<pre[^>]*>(.*?)</pre>", page_text(found), re.S)
     assert shown[0] == "jbench train --algo td3 --seeds &#39;0&lt;1&#39;"
     assert len(shown) == 3
     assert "tasks = [&#34;face_direction&#34;]" in shown[2]
@@ -76,4 +76,4 @@ def test_representations_of_users_are_described_by_their_docstring(fabric, named
     tables = query.load(fabric.results, ["encoders"]).tables
     frames = {name: table.to_pandas() for name, table in tables.items()}
     assert descriptions(frames) == ({} if named is None else {"six-rows": named})
-    assert ("<b>six-rows</b>: A lab&#39;s six numbers" in text_of(found)) == (named is not None)
+    assert ("<b>six-rows</b>: A lab&#39;s six numbers" in page_text(found)) == (named is not None)

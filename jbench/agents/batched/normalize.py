@@ -140,7 +140,7 @@ class RunningStatistics:
         return SavedNetwork([*layers, *policy.layers])
 
     def load_layers(self, seed: int, policy: SavedNetwork, observations: int) -> SavedNetwork:
-        """Sets the statistics of a seed after so many observations from its saved policy.
+        """Sets the statistics of a seed from its saved policy, which has seen `observations`.
 
         The seed then sees the same bits as the policy. Returns the rest of the policy. The variance
         of a number whose deviation was below `normalize_min_sd` is not saved; it becomes the least.

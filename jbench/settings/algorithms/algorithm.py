@@ -53,5 +53,5 @@ class Algorithm(Settings):
         return ""
 
     def check_environments(self, environments: int) -> Self:
-        """Returns itself; raises a RequestError if so many environments can't share its updates."""
+        """Returns itself; a RequestError if `environments` can't share its updates."""
         return self

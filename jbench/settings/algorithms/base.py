@@ -119,7 +119,7 @@ class AlgorithmSettings(Algorithm):
         return self.rollout_steps(environments) * environments
 
     def measurement(self, environments: int, device: str, updates: int) -> Measurement:
-        """Returns how to measure its speed by about so many updates."""
+        """Returns how to measure its speed by about `updates` updates."""
         raise NotImplementedError
 
     def only_batched(self, chosen: Collection[str]) -> list[str]:

@@ -15,7 +15,7 @@ from jbench.store import Results
 from jbench.store.shipped import shipped_results
 from jbench.studies.commands import commands
 from jbench.studies.matrix import read_matrix
-from jbench.studies.repeat import matrix
+from jbench.studies.rebuilt_matrix import matrix
 from jbench.sweeps.cell import all_runs, matrix_cells
 from jbench.training.request import request_runs
 
@@ -49,13 +49,13 @@ def made(directory):
     return runs
 
 
-def of_matrix(text, results, path):
+def runs_by_matrix(text, results, path):
     """Returns the ids of the runs of a matrix file."""
     path.write_text(text)
     return {run.id for run in all_runs(matrix_cells(read_matrix(str(path)), results))}
 
 
-def of_command(line, results):
+def runs_by_command(line, results):
     """Returns the ids of the runs of a `jbench train` command."""
     program, verb, *words = shlex.split(line)
     assert (program, verb) == ("jbench", "train")
@@ -77,11 +77,11 @@ def test_matrix_and_commands_train_runs_of_every_kind(tmp_path):
     runs = made(tmp_path)
     settings = [run.values for run in runs]
     wanted = {run.id for run in runs}
-    assert of_matrix(matrix(settings, {}), Results(tmp_path), tmp_path / "m.toml") == wanted
+    assert runs_by_matrix(matrix(settings, {}), Results(tmp_path), tmp_path / "m.toml") == wanted
 
     typed, rebuilt = commands((each, None) for each in settings)
     assert typed == []
-    found = [of_command(line, Results(tmp_path)) for line in rebuilt]
+    found = [runs_by_command(line, Results(tmp_path)) for line in rebuilt]
     assert len(found) == len(VARIED)
     assert set().union(*found) == wanted
     assert rebuilt[0] == (
@@ -97,9 +97,9 @@ def test_matrix_and_commands_train_the_shipped_runs(tmp_path):
     encoders = {record.id: record.settings for record in results.scan("encoder")[0]}
     settings = [record.settings for record in records]
     wanted = {record.id for record in records}
-    assert of_matrix(matrix(settings, encoders), results, tmp_path / "m.toml") == wanted
+    assert runs_by_matrix(matrix(settings, encoders), results, tmp_path / "m.toml") == wanted
     _, rebuilt = commands((each, None) for each in settings)
-    assert set().union(*(of_command(line, results) for line in rebuilt)) == wanted
+    assert set().union(*(runs_by_command(line, results) for line in rebuilt)) == wanted
 
 
 def test_parts_name_shared_values_once_and_tasks_together(tmp_path):

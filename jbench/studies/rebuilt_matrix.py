@@ -22,7 +22,7 @@ Encoders = Mapping[str, Mapping[str, Any]]
 
 
 @dataclass(frozen=True)
-class Group:
+class SameSettings:
     """Runs that differ only in their seeds.
 
     Attributes:
@@ -34,14 +34,16 @@ class Group:
     seeds: tuple[int, ...]
 
 
-def groups(runs: Iterable[Run]) -> list[Group]:
+def groups(runs: Iterable[Run]) -> list[SameSettings]:
     """Returns the runs that jbench can train, by their settings without seeds."""
     found: dict[str, list[RunSettings]] = {}
     for run in runs:
         if _is_trained_here(run):
             assert isinstance(run, RunSettings)
             found.setdefault(alike(run, SEED), []).append(run)
-    return [Group(same[0], tuple(sorted({run.seed for run in same}))) for same in found.values()]
+    return [
+        SameSettings(same[0], tuple(sorted({run.seed for run in same}))) for same in found.values()
+    ]
 
 
 def _is_trained_here(run: Run) -> bool:
@@ -77,7 +79,7 @@ def matrix(runs: Iterable[Mapping[str, Any]], encoders: Encoders) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _part(group: Group, encoders: Encoders) -> dict[str, Any]:
+def _part(group: SameSettings, encoders: Encoders) -> dict[str, Any]:
     """Returns the keys of the part of a matrix that trains runs of the same settings."""
     run = group.run
     part: dict[str, Any] = {

@@ -6,6 +6,7 @@ since all of them have 37 MB.
 """
 
 import re
+import shutil
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
@@ -41,14 +42,23 @@ def revision() -> str | None:
     return module.git_revision()
 
 
-class BuildWithRevision(build_py):
-    """Adds the git revision to the package of a wheel."""
+class BuildAnew(build_py):
+    """Builds the package of a wheel without what an earlier build left, and adds the git revision.
+
+    setuptools keeps `build/lib`, and puts every file that lies there into the wheel.
+    """
 
     def run(self) -> None:
         """Builds the package."""
+        if self.editable_mode:
+            super().run()
+            return
+
+        built = Path(self.build_lib) / "jbench"
+        shutil.rmtree(built, ignore_errors=True)
         super().run()
-        if not self.editable_mode and (known := revision()):
-            (Path(self.build_lib) / "jbench" / "git_revision.txt").write_text(f"{known}\n")
+        if known := revision():
+            (built / "git_revision.txt").write_text(f"{known}\n")
 
 
 class SourceWithRevision(sdist):
@@ -63,7 +73,7 @@ class SourceWithRevision(sdist):
 
 if __name__ == "__main__":
     setup(
-        cmdclass={"build_py": BuildWithRevision, "sdist": SourceWithRevision},
+        cmdclass={"build_py": BuildAnew, "sdist": SourceWithRevision},
         exclude_package_data={"jbench": left_out()},
         long_description=description(Path(__file__).with_name("README.md").read_text("utf-8")),
         long_description_content_type="text/markdown",

@@ -79,6 +79,10 @@ def sdist(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def wheel(sdist, tmp_path_factory):
+    """The wheel, built where an earlier version was built before."""
+    left = sdist / "build" / "lib" / "jbench" / "module_of_an_earlier_version.py"
+    left.parent.mkdir(parents=True)
+    left.write_text("")
     return build("wheel", sdist, tmp_path_factory.mktemp("wheel") / "dist")
 
 

@@ -7,6 +7,7 @@ from the source, so that neither imports the settings of all verbs.
 import ast
 import importlib
 import importlib.util
+import inspect
 from collections import UserDict
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -51,7 +52,7 @@ class Verb:
         register = app.command(
             self.name,
             cls=Command,
-            help=self.summary,
+            help=self.summary or _paragraphs(function.__doc__),
             epilog=f"Example: jbench {self.example}",
             rich_help_panel=self.heading,
             hidden=self.hidden,
@@ -80,6 +81,12 @@ def _docstrings(module: str) -> dict[str, str]:
     tree = ast.parse(Path(spec.origin).read_text("utf-8"))
     functions = (node for node in tree.body if isinstance(node, ast.FunctionDef))
     return {node.name: ast.get_docstring(node) or "" for node in functions}
+
+
+def _paragraphs(docstring: str) -> str:
+    """Returns a docstring with each paragraph on a line, which the terminal breaks at its width."""
+    paragraphs = inspect.cleandoc(docstring).split("\n\n")
+    return "\n\n".join(" ".join(paragraph.splitlines()) for paragraph in paragraphs)
 
 
 class Command(TyperCommand):

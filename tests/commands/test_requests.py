@@ -160,6 +160,7 @@ def test_help_has_full_sentence_and_valid_example_per_command(capsys, monkeypatc
         assert main([name, "--help"]) == 0
         example = commands[name].epilog.removeprefix("Example: ")
         assert example[:60] in capsys.readouterr().out
+        assert "\n" not in commands[name].help.replace("\n\n", "")  # the terminal breaks lines
         program, verb, *arguments = shlex.split(example)
         assert (program, verb) == ("jbench", name)
         # Raises an error for an unknown option.

@@ -19,6 +19,7 @@ from jbench.report.request import WINDOW, Request
 from jbench.settings.base import validated
 from jbench.settings.recorded import Run, flatten, parse_run
 from jbench.store import Results, query
+from jbench.store.final_returns import final_returns
 from jbench.store.shipped import results_to_read
 
 _RUN = [
@@ -89,14 +90,18 @@ class OpenedResults:
             A row for each run: run, task, algo, representation, encoder, variant, source, seed,
             steps, status, wall_time (s), error (why a run failed), evaluation_return and
             training_return (final returns as in `jbench report`; NaN if there is none, or a longer
-            run of the seed counts there), and a column for each other setting, such as
-            learning_rate. Settings that an algorithm does not have are missing values.
+            run of the seed counts there), evaluation_return_at_end (without the episodes that
+            `jbench evaluate` added), and a column for each other setting, such as learning_rate.
+            Settings that an algorithm does not have are missing values.
         """
         source = self._rows(Request(task=task, algo=algo))
         seeds = seed_frame(source.configurations)
         finals = seeds.pivot(index=["source", "run"], columns="returns", values="final")
         finals = finals.reindex(columns=[*KINDS]).add_suffix("_return")
         runs = source.runs[_RUN].reset_index(drop=True).join(finals, on=["source", "run"])
+        at_end, _ = final_returns(self._results)
+        own = at_end.select(["run", "evaluation_return_at_end"]).to_pandas().set_index("run")
+        runs = runs.join(own, on="run")
         settings = _settings([parse_run(text) for text in source.runs["settings"]])
         return runs.join(settings.drop(columns=runs.columns, errors="ignore"))
 

@@ -28,16 +28,14 @@ def final_returns(results: Results) -> tuple[pa.Table, list[str]]:
             problems.append(str(error))
             continue
 
-        diverged = isinstance(record.manifest.summary.get("diverged"), dict)
-        rows.append(
-            {
-                "run": line["run"],
-                "seed": line["seed"],
-                "evaluation_return": 0.0 if diverged else line["evaluation_return"],
-                "training_return": 0.0 if diverged else line["last_return"],
-                "wall_time": line["wall_time"],
-                "error": line["error"],
-            }
-        )
+        returns = {
+            "evaluation_return": line["evaluation_return"],
+            "evaluation_return_at_end": line["evaluation_return_at_end"],
+            "training_return": line["last_return"],
+        }
+        if isinstance(record.manifest.summary.get("diverged"), dict):
+            returns = dict.fromkeys(returns, 0.0)
+        others = {name: line[name] for name in ("run", "seed", "wall_time", "error")}
+        rows.append({**others, **returns})
 
     return pa.Table.from_pylist(rows, schema.TABLES["final_returns"]), problems

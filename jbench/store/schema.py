@@ -166,6 +166,7 @@ TABLES = {
     "final_returns": columns("""
         run: string | seed: int64
         evaluation_return training_return: float64, sum of rewards; null if there is none
+        evaluation_return_at_end: float64, without the episodes that jbench evaluate added
         wall_time: float64, s
         error: string, why a run failed
     """),

@@ -46,11 +46,15 @@ def verify(
         for flaw in flaws:
             output.say(f"  {'Warning: ' if flaw.sort == 'warning' else ''}{flaw}")
 
-    output.say(
-        f"Checked {counted(checked.records, 'record')}, {counted(checked.files, 'file')}, "
-        f"{checked.bytes / 1e6:,.1f} MB: "
-        f"{output.tally(flaw.sort for flaw in checked.findings) or 'all of them intact'}."
-    )
+    if not (checked.records or checked.findings):
+        output.say(f"There are no records in {results}, so nothing was checked.")
+    else:
+        output.say(
+            f"Checked {counted(checked.records, 'record')}, {counted(checked.files, 'file')}, "
+            f"{checked.bytes / 1e6:,.1f} MB: "
+            f"{output.tally(flaw.sort for flaw in checked.findings) or 'all of them intact'}."
+        )
+
     if checked.left_out:
         count = counted(checked.left_out, "run")
         output.say(f"Not checked: the policy of {count}, which {LEFT_OUT}.")

@@ -224,3 +224,9 @@ def test_settings_keep_hash_through_manifest_round_trip(tmp_path):
     (path := tmp_path / "manifest.json").write_bytes(manifest.to_bytes())
     assert Manifest.read(path).settings == values
     assert settings_hash(Manifest.read(path).settings) == settings_hash(values)
+
+
+def test_directory_without_records_is_not_called_intact(tmp_path, run_command):
+    code, out, err = run_command("verify", results=tmp_path)
+    assert (code, err) == (0, "")
+    assert out == f"There are no records in {tmp_path}, so nothing was checked.\n"

@@ -4,6 +4,7 @@ MuJoCo and dm_control read the variable at import, so choose before importing `j
 module imports only the standard library.
 """
 
+import importlib.util
 import os
 import subprocess
 import sys
@@ -84,6 +85,18 @@ def open_display() -> bool:
 
     with warnings.catch_warnings(action="ignore"):
         return bool(glfw.init())
+
+
+def import_triton_before_mesa() -> None:
+    """Imports triton, where it is installed, unless MuJoCo has been imported.
+
+    Triton is PyTorch's compiler for GPUs, which `torch.optim` imports. It ends the process
+    (SIGSEGV) if Mesa's LLVM has been loaded before its own, as MuJoCo and dm_control load it on
+    import where MUJOCO_GL is egl or osmesa.
+    """
+    loads_mesa = os.environ.get("MUJOCO_GL", "").strip().lower() in ("egl", "osmesa")
+    if loads_mesa and "mujoco" not in sys.modules and importlib.util.find_spec("triton"):
+        importlib.import_module("triton")
 
 
 @cache

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -10,6 +11,7 @@ from jbench import opengl
 from jbench.errors import RequestError
 from jbench.opengl import choose_backend
 
+ROOT = Path(__file__).parents[1]
 DRAW = """
 import gymnasium, os
 env = gymnasium.make("jbench.tasks:Jitterbug/FaceDirection-v0", render_mode="rgb_array")
@@ -103,3 +105,24 @@ def test_driver_that_crashes_hangs_or_draws_nothing_is_rejected(monkeypatch, pro
     monkeypatch.setattr(opengl, "_PROBE", probe)
     monkeypatch.setattr(opengl, "_PROBE_SECONDS", 3)
     assert opengl.draws.__wrapped__("egl") is draws
+
+
+@pytest.mark.parametrize(("backend", "order"), [("osmesa", "triton mujoco"), ("disable", "mujoco")])
+def test_triton_is_loaded_before_mesa(tmp_path, backend, order):
+    """Where MuJoCo loads Mesa's LLVM first, that of triton ends the process.
+
+    The module `mujoco` is a fake, on which dm_control fails.
+    """
+    for name in ("triton", "mujoco"):
+        (tmp_path / f"{name}.py").write_text(f"print('{name}', end=' ')")
+    done = subprocess.run(
+        [sys.executable, "-c", "import jbench.tasks, mujoco"],
+        env={
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join(map(str, (tmp_path, ROOT))),
+            "MUJOCO_GL": backend,
+        },
+        capture_output=True,
+        text=True,
+    )
+    assert done.stdout.strip() == order

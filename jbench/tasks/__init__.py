@@ -8,6 +8,7 @@ suite, where dm_control is installed, and five environments each of `Jitterbug/â
 import importlib.util
 import warnings
 
+from jbench.opengl import import_triton_before_mesa
 from jbench.registration import register_environments
 
 
@@ -19,6 +20,8 @@ def _register_domains() -> None:
         from jbench.tasks.jitterbug import domain
     domain.add_to_suite()
 
+
+import_triton_before_mesa()
 
 # dm-control needs labmaze, which has no wheel for Python 3.13 and later.
 if importlib.util.find_spec("dm_control"):

@@ -12,7 +12,7 @@ from jbench.report.analysis.scores import seed_scores
 from jbench.report.data.configuration import ID, Configurations, differing_in, in_order
 from jbench.settings.base import settings_hash
 from jbench.settings.recorded import ENCODER_VARIANT
-from jbench.settings.variants import variant_labels
+from jbench.settings.variants import DATE, variant_labels
 from jbench.statistics import bootstrap as st
 
 PREDICTED = {n: n.replace("_", " ") for n in ("yaw_rate", "forward_speed", "tilt_rate", "reward")}
@@ -57,8 +57,9 @@ def encoder_frame(tables: Mapping[str, pd.DataFrame], task: str | None = None) -
 
     names = rows["encoder"].str.split("/").str[1]  # such as dae12-observation-whitened
     rows["representation"] = names.map(shown_representation)
+    dates = _code_dates(rows)
     by_name = rows.groupby(["task", "representation"])
-    rows["settings"] = by_name["settings"].transform(_labels)
+    rows["settings"] = by_name["settings"].transform(_labels, dates)
     for name in _FRACTIONS:
         rows[name] = 1 - rows[f"{name}_explained"]
 
@@ -144,17 +145,28 @@ def return_frame(configurations: Configurations) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=[*ID, "steps", "seeds", "iqm", "low", "high"])
 
 
-def _labels(texts: pd.Series) -> list[str]:
+def _code_dates(encoders: pd.DataFrame) -> dict[str, str]:
+    """Returns the date of the first encoder with each checksum of users' code."""
+    dates: dict[str, str] = {}
+    for text, created in zip(encoders["settings"], encoders["created"], strict=True):
+        code = json.loads(text).get("sources")
+        if isinstance(code, str):
+            date = str(created)[:DATE]
+            dates[code] = min(date, dates.get(code, date))
+    return dates
+
+
+def _labels(texts: pd.Series, dates: Mapping[str, str]) -> list[str]:
     """Returns the options that distinguish each variant of encoders of one task and name.
 
-    The names of newer encoders have all their options.
+    The names of newer encoders have all their options. `dates` are those of users' code.
     """
     options = [
         {name: value for name, value in json.loads(text).items() if name not in ENCODER_VARIANT}
         for text in texts
     ]
     hashes = list(map(settings_hash, options))
-    labels = variant_labels(dict(zip(hashes, options, strict=True)))
+    labels = variant_labels(dict(zip(hashes, options, strict=True)), dates)
     # An option that is not set has its default.
     redundant = re.compile(r"\w+=\(not set\)(, )?")
     return [redundant.sub("", labels[name]).strip(", ") for name in hashes]

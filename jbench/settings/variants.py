@@ -42,9 +42,18 @@ _WORDS = {
 """Settings that have a name of their own; none for the published hyperparameters."""
 
 
-def variant_labels(settings: Mapping[str, Run | Mapping[str, Any]]) -> dict[str, str]:
-    """Returns a label of the settings that differ, in order, such as `learning_rate=0.001`."""
-    return _labels(settings, lambda name, value: f"{name}={_text(value)}")
+def variant_labels(
+    settings: Mapping[str, Run | Mapping[str, Any]], dates: Mapping[str, str] | None = None
+) -> dict[str, str]:
+    """Returns a label of the settings that differ, in order, such as `learning_rate=0.001`.
+
+    Users' code is called as by `variant_words`.
+    """
+
+    def label(name: str, value: Any) -> str:
+        return _code_word(name, value, dates or {}) or f"{name}={_text(value)}"
+
+    return _labels(settings, label)
 
 
 def variant_words(
@@ -105,12 +114,20 @@ def code_dates(runs: Iterable[tuple[Run, object]]) -> dict[str, str]:
     return dates
 
 
-def _word(name: str, value: Any, dates: Mapping[str, str]) -> str:
-    """Returns a setting in words: of code, its checksum and date; nothing for a default."""
+def _code_word(name: str, value: Any, dates: Mapping[str, str]) -> str:
+    """Returns the beginning of a checksum of code and its date; nothing for other settings."""
     kind = CODE_WORDS.get(name.rpartition(".")[2])
-    if kind is not None and isinstance(value, str):
-        date = f" of {dates[value]}" if value in dates else ""
-        return f"{kind} {value[:_CODE_LENGTH]}{date}"
+    if kind is None or not isinstance(value, str):
+        return ""
+    date = f" of {dates[value]}" if value in dates else ""
+    return f"{kind} {value[:_CODE_LENGTH]}{date}"
+
+
+def _word(name: str, value: Any, dates: Mapping[str, str]) -> str:
+    """Returns a setting in words; nothing for a default."""
+    code = _code_word(name, value, dates)
+    if code:
+        return code
     field = RunSettings.model_fields.get(name)
     if value is ... or (field and not field.is_required() and value == field.default):
         return ""

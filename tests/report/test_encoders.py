@@ -50,6 +50,32 @@ def test_row_holds_medians_across_seeds_of_kind_and_size(results):
     assert fractions == pytest.approx([0.4, 0.1, 0.5, 0.6, 0.7])
 
 
+def test_encoders_of_changed_code_are_rows_named_by_code_and_date(results):
+    for code in ("3f2a91aa", "07c4d5bb"):
+        record = results.create(
+            "encoder",
+            f"face_direction/mine6/s0-{code}",
+            {
+                "kind": "mine",
+                "task": "face_direction",
+                "latents": 6,
+                "seed": 0,
+                "dataset": "d",
+                "sources": code,
+            },
+        )
+        row = {"encoder": record.id, "test_mse": 0.1, "test_explained": 0.9}
+        row |= {f"{name}_explained": value for name, value in EXPLAINED.items()}
+        errors = pa.Table.from_pylist([row], schema.TABLES["encoder_errors"])
+        record.append({"encoder_errors": errors})
+        record.finish({"test_mse": 0.1})
+
+    today = record.manifest.created[:10]
+    table = table_of(results)
+    assert table["settings"].tolist() == [f"code 07c4d5 of {today}", f"code 3f2a91 of {today}"]
+    assert table["seeds"].tolist() == [1, 1]
+
+
 def test_rows_are_ordered_by_task_kind_and_size(results):
     for task in ("move_to_pose", "face_direction"):
         for kind in ("random", "zeta", "pca", "dae", "alpha"):

@@ -15,7 +15,7 @@ from jbench.errors import RequestError, WorkError
 from jbench.wording import counted, with_results
 
 if TYPE_CHECKING:
-    from jbench.store import Results
+    from jbench.store import Record, Results
     from jbench.training.present import OtherCode
     from jbench.training.repeat import Repeated
 
@@ -208,15 +208,18 @@ def reproduce(
     entries = {name: part and part._asdict() for name, part in parts.items()}
     output.document({"run": record.id, "equal": equal, **entries, "changed": changed, "code": code})
     if not equal:
-        raise WorkError(f"{record.id} was not reproduced: {_reason(code, changed)}.")
+        raise WorkError(f"{record.id} was not reproduced: {_reason(record, code, changed)}.")
     if all(part.control_steps is None for part in repeated):
         raise WorkError(f"Nothing of {record.id} could be compared; type --episodes 1 or more.")
 
 
-def _reason(code: Sequence[str], changed: Mapping[str, object]) -> str:
+def _reason(run: "Record", code: Sequence[str], changed: Mapping[str, object]) -> str:
     """Returns why a run was not reproduced, from the changes of its code and of the versions."""
     from jbench.store.code import have_changed
+    from jbench.tasks.find import EPISODES_REPEAT
 
+    if run.manifest.provenance.get(EPISODES_REPEAT) is False:
+        return "its task makes other episodes of the same seed and actions"
     if code:
         return f"the code has changed: {have_changed(code)}"
     if changed:

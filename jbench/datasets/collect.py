@@ -20,7 +20,7 @@ from jbench.store import Record, Results
 from jbench.store.code import check_code
 from jbench.store.planned import Planned, planned
 from jbench.store.schema import DATASET_EPISODES
-from jbench.tasks.find import check_specs, code_provenance, find_task
+from jbench.tasks.find import check_specs, code_provenance, episode_provenance, find_task
 from jbench.tasks.jitterbug import resets
 from jbench.tasks.jitterbug.geometry import State
 from jbench.tasks.jitterbug.robots import load_model
@@ -75,7 +75,13 @@ def collect(
         code = {} if settings.robot == JITTERBUG else code_provenance(settings.robot)
         if existing is not None:
             check_code(existing, code)
-        record = existing or results.create("dataset", settings.id, settings.model_dump(), code)
+        if existing is None:
+            made_on = {} if settings.robot == JITTERBUG else episode_provenance(settings.robot)
+            record = results.create(
+                "dataset", settings.id, settings.model_dump(), {**made_on, **code}
+            )
+        else:
+            record = existing
         if settings.robot != JITTERBUG and find_task(settings.robot).ends_early:
             collect_ending(settings, record, progress)
             record.finish({}, compact=False)

@@ -21,7 +21,7 @@ from jbench.settings.records import ExternalSettings, episode_steps
 from jbench.store import files
 from jbench.store.planned import planned, say_changed
 from jbench.store.shipped import results_to_write
-from jbench.tasks.find import checked_task, code_provenance
+from jbench.tasks.find import checked_task, code_provenance, episode_provenance
 from jbench.training.request import read_representation
 
 _FREE = ("seed", "steps", "evaluate_every", "evaluate_episodes")
@@ -112,7 +112,7 @@ def record(
     settings = plan.settings
     for sentence in say_changed([plan], {record.id for record in records}):
         print(sentence, file=sys.stderr, flush=True)
-    made_on: dict[str, Any] = {"script_sha256": script, **code}
+    made_on: dict[str, Any] = {"script_sha256": script, **episode_provenance(task), **code}
     if package is not None:
         try:
             made_on |= plugins.made_with(package)

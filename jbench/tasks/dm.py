@@ -3,6 +3,7 @@
 import math
 import sys
 from collections.abc import Callable, Mapping
+from functools import cached_property
 from typing import Any
 
 import gymnasium
@@ -126,17 +127,32 @@ class DmTask(EnvironmentTask):
         scaled: NDArray[np.float64] = (clipped + 1) * ((self._maximum - self._minimum) / 2)
         return self._minimum + scaled
 
+    @cached_property
+    def _has_repeated(self) -> bool:
+        """Whether an episode of random actions was the same twice; WorkError if it fails."""
+        with self.worlds(1) as worlds:
+            once, again = (self._random_episode(worlds) for _ in range(2))
+        return np.array_equal(once, again)
+
+    def repeats(self) -> bool:
+        """See `Task.repeats`; dm_control's suite is not tried."""
+        if self._provenance is None:
+            return True
+        try:
+            return self._has_repeated
+        except WorkError:  # the work that asks will meet the error itself
+            return True
+
     def check(self) -> None:
         """Runs an episode of random actions twice; notes if it does not repeat.
 
         One that is not as in `Task` is a RequestError.
         """
         try:
-            with self.worlds(1) as worlds:
-                once, again = (self._random_episode(worlds) for _ in range(2))
+            has_repeated = self._has_repeated
         except WorkError as error:
             raise RequestError(str(error)) from None
-        if not np.array_equal(once, again):
+        if not has_repeated:
             self.notes += (
                 "the same seed and actions made another episode, so its runs can't be reproduced; "
                 "one that is resumed truncates the episodes that it can't repeat",

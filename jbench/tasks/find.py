@@ -23,6 +23,9 @@ from jbench.tasks.task import Task
 CODE = ("compiled", "sources")
 """Fields of `Specs` that are of the code behind a name, and that old records lack."""
 
+EPISODES_REPEAT = "episodes_repeat"
+"""Key of provenance: false if the same seed and actions made another episode."""
+
 _NAME = re.compile(r"[a-z][a-z0-9_-]*")
 
 
@@ -103,6 +106,11 @@ def check_specs(name: str, recorded: Specs | None, accept_changed: bool = False)
 def code_provenance(name: str) -> dict[str, Any]:
     """Returns `Task.code_provenance` of a task. Raises as `find_task`."""
     return find_task(name).code_provenance()
+
+
+def episode_provenance(name: str) -> dict[str, Any]:
+    """Returns what records of work on a task note if its episodes do not repeat; otherwise {}."""
+    return {} if find_task(name).repeats() else {EPISODES_REPEAT: False}
 
 
 def unknown_task(name: str) -> RequestError:

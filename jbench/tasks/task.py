@@ -217,6 +217,10 @@ class Task(Protocol):
         """
         return {}
 
+    def repeats(self) -> bool:
+        """Returns whether the same seed and actions make the same episode, as far as was tried."""
+        return True
+
     def physical(self, observations: NDArray[np.floating]) -> NDArray[np.floating]:
         """Returns observations (..., dim(O)) in their units."""
         return observations

@@ -16,6 +16,7 @@ from jbench.store import Record, Results
 from jbench.store.code import code_of
 from jbench.store.files import UnreadableError
 from jbench.store.provenance import describe_changes, device_provenance, provenance
+from jbench.tasks.find import episode_provenance
 from jbench.training.checkpoints import copied, load
 from jbench.training.code import check_run_code, run_code
 from jbench.training.evaluation import load_run_encoder
@@ -61,7 +62,11 @@ def run_batch(
     if not ENGINES[runs[0].engine].is_for_gpu:
         device = "cpu"
     code = run_code(runs[0], encoders or results)
-    made_on = {**device_provenance(find_device(device)), **code}
+    made_on = {
+        **device_provenance(find_device(device)),
+        **episode_provenance(runs[0].task),
+        **code,
+    }
     end = until or math.inf
     members: list[Member] = []
     failures: dict[str, Exception] = {}

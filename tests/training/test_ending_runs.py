@@ -37,6 +37,14 @@ def test_seeds_that_end_at_different_steps_are_independent(algo, tmp_path):
     assert ends[0] != ends[1]
 
 
+def test_run_whose_episodes_do_not_repeat_is_not_called_altered(tmp_path, run_command):
+    run = falling("ppo", task=DRIFTS)
+    assert run_batch([run], Results(tmp_path)) == {}
+    code, _, err = run_command("reproduce", run.id, results=tmp_path)
+    reason = "its task makes other episodes of the same seed and actions"
+    assert (code, err.splitlines()[-1]) == (1, f"Error: {run.id} was not reproduced: {reason}.")
+
+
 def test_lengths_and_returns_are_those_of_the_environment(tmp_path):
     results = Results(tmp_path)
     run = falling("td3")
@@ -82,6 +90,7 @@ def test_episode_that_does_not_repeat_is_truncated_and_the_record_says_so(algo, 
     before = record.read("episodes").num_rows
     assert run_batch([run], results, report=events.append) == {}
     record = results.find("run", run.id)
+    assert record.manifest.provenance["episodes_repeat"] is False
     (note,) = record.manifest.provenance["continued"]
     assert note["truncated"]["control_steps"] == 15 * environments
     count = note["truncated"]["episodes"]

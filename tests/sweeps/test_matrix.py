@@ -55,7 +55,7 @@ def refused_for(cells_in):
         ("fig9", 20, 200),
         ("question", 53, 376),
         ("authors", 27, 223),
-        ("robots", 36, 180),
+        ("robots", 40, 200),
     ],
 )
 def test_shipped_matrices_have_expected_cells_and_runs(name, cells, runs, tmp_path):

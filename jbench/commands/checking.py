@@ -173,8 +173,7 @@ def reproduce(
     database = shipped_results() if run.startswith(SHIPPED) else parsing.results_to_read(results)
     record = database.find("run", database.complete_id("run", run.removeprefix(SHIPPED)))
     if record is None:
-        runs = with_results("jbench runs", database.name)
-        raise RequestError(f"There is no run {run} in {database.name}; {runs} lists them.")
+        raise database.no_run(run)
 
     episodes = repeat.default_episodes(record) if episodes is None else episodes
     code = repeat.changed_code(record, database, accept_changed_code)

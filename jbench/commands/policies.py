@@ -91,7 +91,7 @@ def render(
     camera: str | None = Option(
         None,
         help=f"Camera: {', '.join(task_specs.CAMERAS)} (default: tracking), or one of another "
-        "robot's model (default: its first).",
+        "robot's model (default: its first), or free for one that sees all of it.",
         autocompletion=lambda: task_specs.CAMERAS,
     ),
     seed: int = _POSE_SEED,

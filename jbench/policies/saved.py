@@ -24,7 +24,6 @@ from jbench.store.code import check_code
 from jbench.store.shipped import LEFT_OUT, results_to_read
 from jbench.tasks.find import check_specs, code_provenance, find_task
 from jbench.tasks.jitterbug.geometry import Array
-from jbench.wording import with_results
 
 Float = NDArray[np.float32]
 
@@ -262,8 +261,7 @@ def load_agent(
     results = results_to_read(results)
     record = results.find("run", run)
     if record is None:
-        runs = with_results("jbench runs", results.name)
-        raise RequestError(f"No run {run} in {results.name}; {runs} lists them.")
+        raise results.no_run(run)
     if record.status != "finished":
         raise RequestError(f"The run {run} is {record.status}: it has no trained policy yet.")
 

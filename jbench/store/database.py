@@ -5,9 +5,11 @@ from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 
 from jbench.errors import RequestError, WorkError
+from jbench.names import closest
 from jbench.store import files
 from jbench.store.manifest import ID, MANIFEST, Json, Kind, Manifest
 from jbench.store.record import Folder, Record
+from jbench.wording import with_results
 
 _MAX_SHOWN = 5  # ids in a message
 
@@ -78,6 +80,13 @@ class Results:
             raise RequestError(f"Several {kind}s begin with {text}: {some}{more}; type more of it.")
 
         return ids[0] if ids else text
+
+    def no_run(self, id: str) -> RequestError:
+        """Returns the error for an id of which there is no run; it names the most similar one."""
+        close = closest(id, [record.id for record in self.scan("run")[0]])
+        meant = "" if close is None else f"did you mean {close}? "
+        listing = with_results("jbench runs", self.name)
+        return RequestError(f"There is no run {id} in {self.name}; {meant}{listing} lists them.")
 
     @contextlib.contextmanager
     def locked(self, kind: Kind, id: str) -> Iterator[Record | None]:

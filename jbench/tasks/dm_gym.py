@@ -17,6 +17,9 @@ from jbench.tasks.dm_worlds import DmWorlds
 from jbench.tasks.find import find_task
 from jbench.tasks.pictures import FREE_CAMERA, Artist
 
+FREE = "free"
+"""Name of the camera that sees the whole model, which every robot has."""
+
 
 class SuiteEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     """One world of a task of dm_control's suite or of another package.
@@ -41,7 +44,8 @@ class SuiteEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         Args:
             task: see `jbench.tasks.find_task`.
             render_mode: "rgb_array", or None for no pictures.
-            camera: name of a camera of the model; None for its first, or a free one if it has none.
+            camera: name of a camera of the model, or "free" for one that sees all of it; None for
+                its first, or the free one if it has none.
             width, height: of a picture, in pixels.
             augment: seed of an augmented robot; only tasks of the Jitterbug have these.
 
@@ -145,10 +149,13 @@ class SuiteEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         cameras = [self.model.camera(i).name for i in range(self.model.ncam)]
         if name is None:
             return 0 if cameras else FREE_CAMERA
-        if name not in cameras:
-            choices = in_prose(cameras) if cameras else "leave the camera out"
-            raise RequestError(f"{self.task} has no camera {name}; it has {choices}.")
-        return cameras.index(name)
+        if name in cameras:
+            return cameras.index(name)
+        if name == FREE:
+            return FREE_CAMERA
+        raise RequestError(
+            f"{self.task} has no camera {name}; it has {in_prose([*cameras, FREE])}."
+        )
 
 
 def _raw(wrapped: Any) -> Any:

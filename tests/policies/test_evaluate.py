@@ -100,7 +100,7 @@ def test_command_records_evaluation_in_database(tmp_path, capsys):
         (["constant:+0.5"], "lies in [-1, 1]; type constant:0.5"),
         (["constant:0_1"], "lies in [-1, 1]; type constant:0.5"),
         (["constant:nan"], "lies in [-1, 1]"),
-        (["face_direction/td3/full/s00-00000000"], "No run face_direction/td3"),
+        (["face_direction/td3/full/s00-00000000"], "There is no run face_direction/td3"),
         (["../x"], "is not an id"),
         (["--task", "fly"], "Unknown task 'fly'"),
         (["--episodes", "0"], "episodes of the evaluation can't be 0"),

@@ -246,7 +246,7 @@ def test_device_is_not_replaced(tmp_path, refused):
         (("--format", "onnx"), "type jbench export RUN"),
         (("a/b", "--format", "minari"), "RUN is not for minari, which has --dataset"),
         (("a/b", "--task", TASK), "--task is not for onnx"),
-        (("a/b",), "No run a/b in"),
+        (("a/b",), "There is no run a/b in"),
         (("a/b", "--out", "."), "--out . is a directory; name a file."),
     ],
 )

@@ -87,16 +87,17 @@ def test_goal_is_described_in_words(task, values, words):
 
 @pytest.mark.usefixtures("rendering")
 def test_another_robot_is_drawn_by_its_first_camera_or_a_named_one():
-    first, fixed, above = (
+    first, fixed, above, free = (
         list(
             render_episode(Constant(), Scene("dmc:cartpole-swingup", camera=name, **SMALL), [0, 9])
         )
-        for name in (None, "fixed", "lookatcart")
+        for name in (None, "fixed", "lookatcart", "free")
     )
     for one, other in zip(first, fixed, strict=True):
         np.testing.assert_array_equal(one.picture, other.picture)
     assert (first[0].picture != first[1].picture).any()
     assert (first[1].picture != above[1].picture).any()
+    assert (first[1].picture != free[1].picture).any()
     assert [frame.time for frame in first] == [0, 0.09]
     assert first[1].goal == ""
 

@@ -102,9 +102,9 @@ class Frames:
         return [config for config in self._every if config.source != IMPORTED]
 
     @cached_property
-    def _tasks(self) -> set[str]:
-        """The tasks of jbench; those of a file may be anything."""
-        return {config.task for config in self._every if config.source != FILE}
+    def _specs(self) -> policies.Shown:
+        """What is recorded of each task of jbench; those of a file may be anything."""
+        return policies.specs_of(c for c in self._every if c.source != FILE)
 
     @cached_property
     def _planned(self) -> Sequence[Sequence[StudyComparison]]:
@@ -151,7 +151,8 @@ class Frames:
     def notes(self) -> list[str]:
         """Sentences for the reader."""
         _, untested = self._findings
-        return [*map(clean, (*self._source.notes, *notes_on(self._every), *untested))]
+        left_out = policies.without_baseline(self._specs, self._source.tables)
+        return [*map(clean, (*self._source.notes, *notes_on(self._every), *left_out, *untested))]
 
     @cached_property
     def problems(self) -> list[str]:
@@ -209,12 +210,12 @@ class Frames:
         """The paper's curves, and the imported ones that are drawn like them."""
         beside = [pair for pair in self._curves if self._is_baseline(pair[0])]
         algo = self.request.algo
-        return published_frame(self._figures, self._tasks, algo, beside)
+        return published_frame(self._figures, set(self._specs), algo, beside)
 
     @_frame
     def baselines(self) -> pd.DataFrame:
         """The returns of policies without training."""
-        return policies.baseline_frame(self._tasks, self._source.tables)
+        return policies.baseline_frame(self._specs, self._source.tables)
 
     # Their analysis.
 

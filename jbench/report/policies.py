@@ -1,9 +1,10 @@
 """Policies beside the agents, random and hand-written, and what policies do (Figures 4 and 5)."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,8 +13,9 @@ from jbench.errors import WorkError
 from jbench.names import HEURISTIC, TASKS
 from jbench.report.analysis.claims import examine_solving
 from jbench.report.analysis.findings import Finding
-from jbench.report.data.configuration import in_order
+from jbench.report.data.configuration import Configuration, in_order
 from jbench.report.data.long_frame import Part, long_frame
+from jbench.settings.records import CODE
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
 from jbench.store import Record, Results
@@ -23,7 +25,11 @@ MOTOR = ("task", "policy", "label", "median", "velocity", "density")
 POSITIONS = ("task", "policy", "label", "median", "x", "y", "share", "target_yaw", "reach")
 
 RANDOM = "random"
+
 _BASELINES = ["task", "policy", "median", "low", "high", "q10", "q90", "episodes"]
+
+Shown = Mapping[str, Sequence[Mapping[str, Any]]]
+"""By task, what each configuration that is shown records of it: its `Specs`."""
 
 FULL_SPEED = 180.0  # rad/s of the motor, an observation of 1
 _REACH = 2.0  # m from the origin; the fastest gait moves 0.14 m in a second
@@ -31,15 +37,34 @@ _SHOWN = 4  # policies in a figure
 _BINS = 80  # of positions, along each axis
 
 
-def baseline_frame(tasks: set[str], tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
+def specs_of(configurations: Iterable[Configuration]) -> Shown:
+    """Returns what configurations record of their task, by task; manifests are untrusted."""
+    found: dict[str, list[Mapping[str, Any]]] = {}
+    for config in configurations:
+        found.setdefault(config.task, []).append(_recorded_specs(config.settings.values))
+    return found
+
+
+def _recorded_specs(settings: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Returns what settings record of their task, `Specs` if jbench wrote them."""
+    specs = settings.get("specs")
+    return specs if isinstance(specs, Mapping) else {}
+
+
+def baseline_frame(shown: Shown, tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
     """Returns the returns of policies without training.
 
     Those on the Jitterbug are shipped (`benchmarks/baselines.py` writes them). Random actions on
-    other robots are those of `jbench evaluate random --task TASK` in the results.
+    other robots are those of `jbench evaluate random --task TASK` in the results, if all runs that
+    are shown are of the code that was evaluated.
+
+    Args:
+        shown: by task, what each configuration records of it.
+        tables: rows by table.
     """
     shipped = pd.read_csv(str(resources.files("jbench.report").joinpath("baselines.csv")))
     evaluated = []
-    for task, returns in evaluated_returns(tables, RANDOM).items():
+    for task, returns in evaluated_returns(tables, RANDOM, shown).items():
         if len(returns) and task not in {*shipped["task"]}:
             median, low, high, *_ = st.estimate(st.median, [returns])
             q10, q90 = np.quantile(returns, [0.1, 0.9])
@@ -47,7 +72,20 @@ def baseline_frame(tasks: set[str], tables: Mapping[str, pd.DataFrame]) -> pd.Da
 
     more = pd.DataFrame(evaluated, columns=_BASELINES)
     rows = pd.concat([shipped, more], ignore_index=True) if evaluated else shipped
-    return rows[rows["task"].isin(tasks)].reset_index(drop=True)
+    return rows[rows["task"].isin(shown)].reset_index(drop=True)
+
+
+def without_baseline(shown: Shown, tables: Mapping[str, pd.DataFrame]) -> list[str]:
+    """Returns a sentence on each task whose random actions are not shown; see `baseline_frame`."""
+    every = evaluated_returns(tables, RANDOM)
+    fitting = evaluated_returns(tables, RANDOM, shown)
+    return [
+        f"Random actions on {task} are left out: not all runs are of the code on which they were "
+        f"evaluated. jbench evaluate {RANDOM} --task {task} evaluates them on the present code, "
+        "and --since leaves out older runs."
+        for task in shown
+        if task in every and task not in fitting
+    ]
 
 
 def findings(
@@ -69,17 +107,27 @@ def hand_written_returns(tables: Mapping[str, pd.DataFrame]) -> dict[str, FloatA
     return evaluated_returns(tables, HEURISTIC)
 
 
-def evaluated_returns(tables: Mapping[str, pd.DataFrame], policy: str) -> dict[str, FloatArray]:
+def evaluated_returns(
+    tables: Mapping[str, pd.DataFrame],
+    policy: str,
+    shown: Shown | None = None,
+) -> dict[str, FloatArray]:
     """Returns the finite returns (episodes,) of a policy without training, by task.
 
     The evaluation of a task with the most episodes counts, or the newest of several such. Only
-    evaluations on the plain robot with random targets count.
+    evaluations on the plain robot with random targets count, and if `shown` is given, see
+    `baseline_frame`, only those of its tasks with the code of all that is shown.
     """
     rows = tables["policy_evaluations"]
     rows = rows[(rows["policy"] == policy) & (rows["status"] == "finished")]
     settings = [json.loads(text) for text in rows["settings"]]
-    changed = pd.DataFrame(settings, rows.index, ["augment", "target_yaw"]).notna().any(axis=1)
-    rows = rows[~changed].dropna(subset=["task", "episodes"])
+    usual = [
+        each.get("augment") is None
+        and each.get("target_yaw") is None
+        and (shown is None or _is_of_code(each, shown.get(str(each.get("task")), ())))
+        for each in settings
+    ]
+    rows = rows[np.array(usual, bool)].dropna(subset=["task", "episodes"])
     chosen = rows.sort_values(["episodes", "created"]).drop_duplicates("task", keep="last")
     episodes = tables["policy_episodes"]
     episodes = episodes[np.isfinite(episodes["episode_return"])]
@@ -87,6 +135,16 @@ def evaluated_returns(tables: Mapping[str, pd.DataFrame], policy: str) -> dict[s
     known = {str(name): values.to_numpy(float) for name, values in returns}
     pairs = zip(chosen["task"], chosen["evaluation"], strict=True)
     return {task: known.get(evaluation, np.empty(0)) for task, evaluation in pairs}
+
+
+def _is_of_code(evaluation: Mapping[str, Any], shown: Sequence[Mapping[str, Any]]) -> bool:
+    """Returns whether an evaluation is of the code of all configurations of its task, if any.
+
+    Checksums that one of the two does not have are not compared.
+    """
+    mine = _recorded_specs(evaluation)
+    pairs = [(mine.get(name), specs.get(name)) for specs in shown for name in CODE]
+    return bool(shown) and all(None in pair or pair[0] == pair[1] for pair in pairs)
 
 
 def behavior(

@@ -38,7 +38,7 @@ ENCODER_VARIANT = ("task", "kind", "latents", *SEED)
 _IMPLIED = {
     "task": ("specs",),
     "representation": ("encoder", "encoder_draws", "ofe"),
-    "algo": ("hyperparameters", "parallel", "package"),
+    "algo": ("hyperparameters", "parallel", "package", "sources"),
     "augment": ("robots",),
 }
 """Settings that necessarily differ if another one does."""

@@ -27,6 +27,9 @@ from jbench.settings.base import (
     typed,
 )
 
+CODE = ("compiled", "sources")
+"""Fields of `Specs` that are of the code behind a name, and that old records lack."""
+
 
 class Specs(Settings):
     """What a task's robot, observation and actions are.

@@ -12,16 +12,13 @@ from typing import Any
 from jbench import plugins
 from jbench.errors import RequestError
 from jbench.names import TASKS, closest, in_prose
-from jbench.settings.records import Specs
+from jbench.settings.records import CODE, Specs
 from jbench.sources import source_files
 from jbench.task_specs import GYM, SUITE, SUITE_TASKS, TASK_GROUP
 from jbench.tasks import gym_registry
 from jbench.tasks.dm import DmTask
 from jbench.tasks.jitterbug.task import JitterbugTask
 from jbench.tasks.task import Task
-
-CODE = ("compiled", "sources")
-"""Fields of `Specs` that are of the code behind a name, and that old records lack."""
 
 EPISODES_REPEAT = "episodes_repeat"
 """Key of provenance: false if the same seed and actions made another episode."""

@@ -28,10 +28,12 @@ def add_runs(fabric, seeds=6, **settings):
             fabric.run(returns, seed, representation=name, evaluated=evaluated, **settings)
 
 
-def add_random(fabric, task, returns):
-    """Adds an evaluation of random actions on a task."""
+def add_random(fabric, task, returns, **specs):
+    """Adds an evaluation of random actions on a task, with what it records of the task."""
     record = fabric.results.create(
-        "evaluation", "random/e1", {"task": task, "policy": "random", "episodes": len(returns)}
+        "evaluation",
+        "random/e1",
+        {"task": task, "policy": "random", "episodes": len(returns), **specs},
     )
     columns = {"evaluation": "random/e1", "episode": range(len(returns)), "length": 1000}
     rows = pd.DataFrame({**columns, "episode_return": returns})
@@ -121,6 +123,25 @@ def test_figure_and_table_lead_with_the_same_kind_of_return(fabric):
         chart = charts(found)[0]
         assert next(iter(chart.panels[0].versions)).startswith(kind)
         assert found.returns == kind
+
+
+@pytest.mark.parametrize(
+    ("codes", "shown"), [(["aa"], True), (["bb"], False), (["aa", "bb"], False), ([None], True)]
+)
+def test_random_actions_are_shown_beside_runs_of_the_same_code(fabric, codes, shown):
+    specs = {
+        "parts": ["place"],
+        "sizes": [1],
+        "action_minimum": [-1.0],
+        "action_maximum": [1.0],
+    }
+    for code in codes:
+        fabric.run([10.0] * 4, task="mine:cart", engine="batched", specs={**specs, "sources": code})
+    add_random(fabric, "mine:cart", [1.0, 2.0], specs={**specs, "sources": "aa"})
+    found = Frames(fabric.results)
+    assert found.baselines["policy"].tolist() == ["random"] * shown
+    left_out = any(note.startswith("Random actions on mine:cart are") for note in found.notes)
+    assert left_out != shown
 
 
 def test_random_actions_on_an_own_task_are_a_line_and_axes_fit(fabric):

@@ -68,6 +68,13 @@ class TestCompare:
             "similar in 1 of 2 configurations."
         )
 
+    def test_rule_of_a_user_is_compared_with_its_parent(self, fabric):
+        fabric.run(FLAT, engine="batched")
+        fabric.run(FLAT + 10, engine="batched", algo="mine:Huber", sources="3f2a91aa")
+        compare = ("algo=mine:Huber", "algo=td3")
+        (one,) = Frames(fabric.results, Request(compare=compare)).comparisons.to_dict("records")
+        assert (one["a"], one["difference"]) == ("algo=mine:Huber", 10)
+
     def test_omitted_setting_is_compared_by_its_default(self, fabric):
         fabric.run(FLAT)
         fabric.run(FLAT + 10, precision="bfloat16")

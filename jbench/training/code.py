@@ -79,6 +79,7 @@ def plan_runs(
                 others.pop(origin.record.id)
                 notes.append(_left_alone(origin))
         chosen.append(settings)
+    notes = [*_on_data_of_other_code(runs[0], results), *notes]
     return PlannedRuns(chosen, [*sentences(list(others.values())), *dict.fromkeys(notes)])
 
 
@@ -103,6 +104,23 @@ def check_run_code(run: RunSettings, record: Record | None, now: Code) -> None:
         )
     if record is not None and run.accepted is None:
         check_code(record, now)
+
+
+def _on_data_of_other_code(run: RunSettings, results: Results) -> list[str]:
+    """Returns a sentence if the encoder of a run was trained on data of other code of its task."""
+    encoder = None if run.encoder is None else results.find("encoder", run.encoder)
+    if encoder is None:
+        return []
+    dataset = results.find("dataset", str(encoder.settings.get("dataset")))
+    if dataset is None:
+        return []
+    files = changed_files(dataset.manifest.provenance, find.code_provenance(run.task))
+    if not files:
+        return []
+    return [
+        f"{since_recorded(dataset, files)}. The encoder {encoder.id} was trained on it: jbench "
+        "collect and jbench train-encoder make new ones."
+    ]
 
 
 def _encoder_has_changed(run: RunSettings, results: Results) -> bool:

@@ -7,7 +7,7 @@ from functools import cache
 import pytest
 
 from jbench.store import Results
-from tests.user_code import EDITS, KINDS, Project, words
+from tests.user_code import EDITS, KINDS, SHORT_RUN, TASK, Project, words
 
 DATE = r"\(\d{4}-\d\d-\d\d \d\d:\d\d UTC\)"
 
@@ -204,6 +204,19 @@ def test_comments_and_formatting_are_no_change(made, kind, tmp_path):
     assert "has changed" not in project.make()
     assert set(project.runs()) == before
     assert "not the present one" not in project.succeed("verify").stdout
+
+
+def test_training_says_that_its_encoder_is_of_data_of_other_code(made, tmp_path):
+    project = made("task").copy(tmp_path / "project")
+    project.succeed("collect", *TASK, "--steps", "300")
+    project.succeed("train-encoder", *TASK, "--kind", "pca", "--latent", "2")
+    agent = ("--algo", "td3", "--encoder", "pca2", "--seeds", "0")
+    training = ("train", *TASK, *agent, *SHORT_RUN)
+    assert "has changed" not in words(project.succeed(*training).stdout)
+    project.edit("module")
+    printed = words(project.succeed(*training).stdout)
+    assert re.search(f"robot.py has changed since the dataset .* was recorded {DATE}", printed)
+    assert "The encoder robot.Robot/pca2/" in printed
 
 
 @pytest.mark.slow

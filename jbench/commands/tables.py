@@ -192,10 +192,23 @@ def _shortened(cell: str, limit: int) -> str:
 
 
 def shortened(word: str, limit: int) -> str:
-    """Returns a text of at most `limit` characters: both ends, none of them within a number."""
+    """Returns a text of at most `limit` characters, whose ends are whole.
+
+    Of an id, the task is shortened first: what tells runs apart comes after it.
+    """
     if cell_len(word) <= limit:
         return word
 
+    task, _, rest = word.partition("/")
+    if "/" in rest:
+        room = limit - cell_len(rest) - 2
+        return f"{task[:room]}…/{rest}" if room >= 0 else f"…/{_without_middle(rest, limit - 2)}"
+
+    return _without_middle(word, limit)
+
+
+def _without_middle(word: str, limit: int) -> str:
+    """Returns a text of at most `limit` characters: both ends, none of them within a number."""
     head = limit // 2
     tail = len(word) - (limit - 1 - limit // 2)
     while head and word[head - 1] in _DIGITS and word[head] in _DIGITS:
@@ -206,7 +219,7 @@ def shortened(word: str, limit: int) -> str:
 
     short = f"{word[:head]}…{word[tail:]}"
     # Wide characters take two places.
-    return short if cell_len(short) <= limit else shortened(word, limit - 1)
+    return short if cell_len(short) <= limit else _without_middle(word, limit - 1)
 
 
 def _margins(columns: int, gap: int = _NARROW_GAP) -> int:

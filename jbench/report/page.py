@@ -144,6 +144,7 @@ def _verdict(row: Mapping[Any, Any], reach: float) -> dict[str, Any]:
         return round(60 + 56 * float(np.nan_to_num(np.clip(value / (reach or 1), -1, 1))), 1)
 
     value, low, high = (rounded(row[name]) for name in ("value", "low", "high"))
+    interval = f" [{low}, {high}]" if np.isfinite([row["low"], row["high"]]).all() else ""
     enough = row["seeds"] >= DECIDING_SEEDS and np.isfinite(row["corrected_low"])
     undecided = "undecided" if enough else "needs more"
     names = ("value", "low", "high", "corrected_low", "corrected_high")
@@ -152,7 +153,7 @@ def _verdict(row: Mapping[Any, Any], reach: float) -> dict[str, Any]:
         **{name: at(row[name]) for name in names},
         "verdict": undecided if row["verdict"] == "undecided" else row["verdict"],
         "size": "" if np.isnan(row["value"]) else value,
-        "numbers": f"uncorrected: {value} [{low}, {high}], {row['seeds']} seeds",
+        "numbers": f"uncorrected: {value}{interval}, {row['seeds']} seeds",
         "state": _STATES.get(row["mark"], "for" if row["verdict"] == "similar" else "open"),
         "margin": (at(-MARGIN), at(MARGIN)) if row["claim"] == "a" else None,
     }

@@ -159,6 +159,17 @@ def committed_steps(record: Record) -> int:
     return min(made, planned) if isinstance(planned, int) else made
 
 
+def _recorded_steps(record: Record) -> int:
+    """Returns the control steps of a run that rows are of.
+
+    A run that failed has rows of the episodes after its newest checkpoint, too.
+    """
+    if record.status != "failed" or not record.rows("episodes"):
+        return committed_steps(record)
+    last: int = record.read("episodes")["control_steps"][-1].as_py()
+    return last
+
+
 def make_line(record: Record) -> Row:
     """Returns the line of a run or an import; null is what is unknown.
 
@@ -174,7 +185,7 @@ def make_line(record: Record) -> Row:
     episodes = (row["points"] or 0) if is_import else row["episodes"]
     done = record.manifest.summary.get("control_steps" if is_import else "steps_done")
     if not isinstance(done, int | float) or not math.isfinite(done):
-        done = 0 if is_import else committed_steps(record)
+        done = 0 if is_import else _recorded_steps(record)
 
     line = {
         "run": record.id,

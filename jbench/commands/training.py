@@ -10,6 +10,7 @@ from jbench.commands import output
 from jbench.commands.training_view import TrainingView
 from jbench.errors import ElsewhereError, WorkError
 from jbench.loggers.logger import copying_rows, make_logger
+from jbench.names import EVALUATION_EPISODES
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.store.evaluations import added_returns
@@ -122,11 +123,18 @@ def kept(runs: Sequence[RunSettings], results: Results) -> str:
     )
 
 
-_FINAL_RETURNS = (
-    "Final returns. Quote the evaluation return: the mean over the last evaluation, in which the "
-    "policy is deterministic. The training return, exploration included, is the mean over the "
-    "last quarter of the episodes, at most 100."
-)
+def _about_final_returns(episodes: int) -> str:
+    """Returns what final returns are, and which to quote, by the episodes of an evaluation."""
+    quoted = "Quote the evaluation return: the mean over the last evaluation"
+    if 0 < episodes < EVALUATION_EPISODES:
+        quoted = (
+            f"The evaluation return is the mean of {counted(episodes, 'episode')}, too few to "
+            "quote: jbench evaluate RUN adds 100 to the last evaluation"
+        )
+    return (
+        f"Final returns. {quoted}, in which the policy is deterministic. The training return, "
+        "exploration included, is the mean over the last quarter of the episodes, at most 100."
+    )
 
 
 def show_runs(runs: Sequence[RunSettings], results: Results) -> None:
@@ -153,7 +161,8 @@ def show_runs(runs: Sequence[RunSettings], results: Results) -> None:
 
     header = ["run", "episodes", "training return", "evaluation return", "at the end of training"]
     shown = len(header) if differs else len(header) - 1  # jbench evaluate adds episodes
-    output.table(_FINAL_RETURNS, header[:shown], [row[:shown] for row in rows])
+    about = _about_final_returns(min(run.evaluate_episodes for run in runs))
+    output.table(about, header[:shown], [row[:shown] for row in rows])
 
 
 def show_outcome(runs: Sequence[RunSettings], results: Results, failures: dict[str, str]) -> None:

@@ -63,6 +63,10 @@ def test_evaluation_return_is_the_mean_of_the_last_evaluation(tmp_path, capsys):
         (row,) = (line for line in text.splitlines() if RUN.id in line)
         assert row.split()[-2:] == ["7", "30"]
     assert "Quote the evaluation return" in printed
+    short = RUN.model_copy(update={"evaluate_episodes": 3})
+    show_runs([short], Results(tmp_path))
+    few = "The evaluation return is the mean of 3 episodes, too few to quote"
+    assert few in " ".join(capsys.readouterr().out.split())
 
 
 def test_nonfinite_returns_are_left_out():

@@ -2,6 +2,7 @@
 
 from jbench.settings.algorithms import algorithm_settings
 from jbench.store.listing import list_runs
+from jbench.store.roles import checkpoint_role
 from tests.store.store_rows import alter_manifest, episodes, listed
 from tests.store.store_whole import add_whole_run
 from tests.store.test_damage import truncate
@@ -82,3 +83,13 @@ def test_number_that_is_none_is_ignored_and_settings_of_wrong_type_are_reported(
     lines, (problem,) = list_runs(results, {})
     assert lines == []
     assert problem.startswith(f"{run.path}/manifest.json has invalid settings (")
+
+
+def test_failed_run_has_the_steps_of_its_last_episode(results):
+    run = add_whole_run(results, [1.0], finish=False)
+    run.append({"episodes": episodes(run.id, [1.0, 2.0]).slice(1)}, {checkpoint_role(1000, 0): b""})
+    (line,), _ = list_runs(results, {})
+    assert line["steps_done"] == 1000
+    run.fail("its reward is nan")
+    (line,), _ = list_runs(results, {})
+    assert line["steps_done"] == 2000

@@ -1,6 +1,7 @@
 """Reading a dataset with the observations and rewards of any task."""
 
 import itertools
+import math
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -170,6 +171,12 @@ class Dataset:
         )
 
 
+def _small(robot: str) -> int:
+    """Returns the control steps of a small dataset of a robot: whole episodes."""
+    length = 1000 if robot == JITTERBUG else find_task(robot).episode_steps
+    return math.ceil(100_000 / length) * length
+
+
 def find_dataset(
     results: Results | Path | str, id: str | None = None, task: str = TASKS[0]
 ) -> Dataset:
@@ -205,7 +212,7 @@ def find_dataset(
         reason = f" ({problems[0]})" if problems else ""
         raise RequestError(
             f"No finished dataset{kind} in {results.name}{reason}; run "
-            f"{collect} first (--steps 100000 makes a small one)."
+            f"{collect} first (--steps {_small(robot)} makes a small one)."
         )
 
     plain = [record for record in finished if record.settings.get("augment") is None]

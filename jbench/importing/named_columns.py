@@ -1,5 +1,7 @@
 """Learning curves in CSV files, whose columns have the names that loggers and papers give them."""
 
+import re
+
 import pandas as pd
 
 from jbench.errors import RequestError
@@ -36,6 +38,9 @@ _NAMES = {
     "return": ("return", *RETURN, *_MORE_RETURNS),
 }
 """Names of the columns of a CSV file, of which the first that it has is used."""
+
+_GROUP = re.compile(r"(.*/)?(eval_|train_)?")
+"""What a metric's name may have before the name of the number."""
 
 _METRIC = ("metric", "metrics", "tag", "key")
 _VALUE = "value"
@@ -110,11 +115,14 @@ def _only_returns(
     """Returns the rows of the only metric that is a return, and a note on the others."""
     metrics = [str(name) for name in table[metric].unique()]
     known = [name for name in metrics if _usual(name) in _NAMES["return"]]
+    # In a group of a tracker, such as eval/return.
+    known = known or [name for name in metrics if _GROUP.sub("", _usual(name)) in _NAMES["return"]]
     chosen = metrics if len(metrics) == 1 else known
     if len(chosen) != 1:
+        found = f"{in_prose(known, 'and')} are returns" if known else "none is a return"
         raise RequestError(
-            f"{file.path} has the metrics {', '.join(metrics)} in the column {metric!r}, of which "
-            f"not exactly one is a return by its name; keep the rows of one."
+            f"{file.path} has the metrics {', '.join(metrics)} in the column {metric!r}; by their "
+            f"names {found}: keep the rows of one, or call it return."
         )
 
     others = [name for name in metrics if name != chosen[0]]

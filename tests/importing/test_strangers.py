@@ -238,8 +238,18 @@ def test_dialects_of_the_field_are_read(name, text, labels, points, tmp_path):
 
 def test_several_metrics_that_may_be_returns_are_refused(tmp_path):
     text = SIMBA.replace("success", "episode_reward")
-    with pytest.raises(RequestError, match="metrics avg_return, episode_reward in the column"):
+    with pytest.raises(RequestError, match="avg_return and episode_reward are returns: keep"):
         read_curves(written(tmp_path / "c.csv", text))
+    text = SIMBA.replace("avg_return", "train/critic_loss")
+    with pytest.raises(RequestError, match="none is a return: keep the rows of one, or call it"):
+        read_curves(written(tmp_path / "c.csv", text))
+
+
+@pytest.mark.parametrize("metric", ["eval/avg_return", "eval_return", "test/eval_episode_reward"])
+def test_metric_in_a_group_of_a_tracker_is_a_return(metric, tmp_path):
+    text = SIMBA.replace("avg_return", metric)
+    read = read_curves(written(tmp_path / "c.csv", text))
+    assert read.points["return"].tolist() == [0.5, 10.5]
 
 
 def test_folder_with_a_file_for_each_task_is_one_set(tmp_path):

@@ -18,8 +18,9 @@ from jbench.cores import one_thread
 from jbench.encoders.kind import Kind
 from jbench.encoders.registry import kind_names
 from jbench.errors import RequestError
-from jbench.names import in_prose, known
+from jbench.names import closest
 from jbench.settings.algorithms import SETTINGS
+from jbench.task_specs import GYM, SUITE, SUITE_TASKS
 from jbench.tasks.find import installed_tasks
 
 What = Literal["task", "agent", "rule", "encoder", "policy"]
@@ -79,6 +80,8 @@ def find_what(name: str) -> What:
 
     Raises a RequestError if there is none of that name, and a WorkError if it can't be imported.
     """
+    if name.startswith((SUITE, GYM)):
+        return "task"
     if not plugins.is_imported(name):
         return _installed(name)
 
@@ -120,6 +123,10 @@ def _installed(name: str) -> What:
     if name in SETTINGS:
         raise RequestError(f"{name} is jbench's own; type MODULE:CLASS of an algorithm of yours.")
 
-    every = [each for names in by_what.values() for each in names]
-    known("class", name, [*every, "MODULE:CLASS"])
-    raise AssertionError(in_prose(every))
+    close = closest(name, [*SUITE_TASKS, *(each for names in by_what.values() for each in names)])
+    meant = "" if close is None else f"did you mean {close}? "
+    raise RequestError(
+        f"There is no code called {name!r}: {meant}Type MODULE:NAME of a task, an agent, an update "
+        "rule, an encoder or a policy of yours, the name of an installed one, or a task such as "
+        "dmc:cheetah-run or gym:Hopper-v5."
+    )

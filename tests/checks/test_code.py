@@ -159,7 +159,7 @@ def test_reward_out_of_range_ends_the_checks(modules, states):
     [
         (["nowhere:Agent"], "there is no module nowhere"),
         (["td3"], "td3 is jbench's own; type MODULE:CLASS of an algorithm of yours."),
-        (["pcaa"], "Unknown class 'pcaa'; did you mean pca?"),
+        (["pcaa"], "There is no code called 'pcaa': did you mean pca? Type"),
         (["pca", "--as", "robot"], "Unknown kind of code 'robot'; choose task, agent, rule"),
     ],
 )

@@ -78,9 +78,9 @@ def write_archive(results: Results, out: Path, blind: bool = False) -> Archived:
 
     if blinder is not None and (leak := next(leaks(content, blinder.words), None)) is not None:
         raise WorkError(
-            f"The archive would have the word {leak[1]!r}, which names something of yours (a module, "
-            f"a path, a host, a user), in {leak[0]}; nothing is written. Rename what has it, or "
-            "leave the record out."
+            f"The archive would have the word {leak[1]!r}, which names something of yours (a "
+            f"module, a path, a host, a user), in {leak[0]}; nothing is written. Rename what has "
+            "it, or leave the record out."
         )
 
     files.write_atomic(out, content)

@@ -140,7 +140,9 @@ def test_names_become_the_same_numbers_everywhere(results, tmp_path, known_machi
 def test_name_that_would_be_left_is_refused(results, tmp_path, known_machine, monkeypatch):
     """Such as a label that is the user's name: nothing is written."""
     monkeypatch.setenv("USER", "evaluation")
-    with pytest.raises(WorkError, match="The archive would have the word 'evaluation', which names"):
+    with pytest.raises(
+        WorkError, match="The archive would have the word 'evaluation', which names"
+    ):
         write_archive(results, tmp_path / "a.zip", blind=True)
     assert not (tmp_path / "a.zip").exists()
 

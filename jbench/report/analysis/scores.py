@@ -211,7 +211,10 @@ def profile_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
 
 
 def with_file_means(frame: pd.DataFrame, configurations: Sequence[Configuration]) -> pd.DataFrame:
-    """Adds rows to `configuration_frame`: each method of a file on all tasks together."""
+    """Adds rows to `configuration_frame`: each method of a file on all tasks together.
+
+    Their seeds are those of the task that has the fewest.
+    """
     known = ranges(configurations)
     task = together(known)
     rows = []
@@ -224,7 +227,7 @@ def with_file_means(frame: pd.DataFrame, configurations: Sequence[Configuration]
             **group[0].identity,
             "task": task,
             "configuration": f"{task} {group[0].label}",
-            "seeds": sum(map(len, scores)),
+            "seeds": min(map(len, scores)),
             "iqm": estimate.value,
             "iqm_low": estimate.low,
             "iqm_high": estimate.high,

@@ -1,6 +1,6 @@
 """The commands that train agents: train, sweep."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +17,7 @@ from jbench.wording import counted, with_results
 
 if TYPE_CHECKING:
     from jbench.studies.matrix import Matrix
+    from jbench.sweeps.cell import Cell
 
 
 @options.with_settings(RunSettings, *TYPED, main=("task", "algo", "encoder", "seeds", "steps"))
@@ -66,8 +67,6 @@ def train(
     """Train agents, one run per seed; finished runs are skipped."""
     from jbench.agents.algorithms import choose_engine
     from jbench.commands import training
-    from jbench.settings.algorithms import default_base
-    from jbench.sweeps.cell import Cell
     from jbench.sweeps.executors import Local, default_jobs
     from jbench.training.code import plan_runs
     from jbench.training.request import request_runs, training_device
@@ -98,8 +97,8 @@ def train(
     if "evaluate_every" in free:
         runs = with_kept_evaluations(runs, database, *free)
     training.check_runs(runs[:1], keep_state)
-    base = default_base(task, settings)
-    cells = [Cell(task, algo, runs[0].representation, runs, base, notes=tuple(notes))]
+    notes = [*training.note_encoder(encoder, runs[0]), *notes]
+    cells = [_cell(runs, algo, settings, notes)]
     title = counted(len(runs), "run")
     if dry_run:
         most = min(at_once, len(runs))
@@ -114,6 +113,24 @@ def train(
         cells, database, local, log, retry_failed=retry_failed, wait=False
     )
     training.show_outcome(runs, database, failures)
+
+
+def _cell(
+    runs: list[RunSettings], algo: str, base: names.Base | None, notes: Sequence[str]
+) -> "Cell":
+    """Returns the only cell of a training, with sentences on its runs."""
+    from jbench.settings.algorithms import default_base
+    from jbench.sweeps.cell import Cell
+
+    first = runs[0]
+    return Cell(
+        first.task,
+        algo,
+        first.representation,
+        runs,
+        default_base(first.task, base),
+        notes=tuple(notes),
+    )
 
 
 def sweep(

@@ -137,6 +137,16 @@ def _about_final_returns(episodes: int) -> str:
     )
 
 
+def note_encoder(typed: str, run: RunSettings) -> list[str]:
+    """Returns a sentence on the encoder of a run, if its name is not the one that was typed."""
+    if run.encoder is None or run.encoder_draws is not None:
+        return []
+    _, representation, _ = run.encoder.split("/")
+    if typed == representation or run.encoder.startswith(typed):
+        return []
+    return [f"--encoder {typed} is {run.encoder}."]
+
+
 def show_runs(runs: Sequence[RunSettings], results: Results) -> None:
     """Prints the final returns of each run in the results."""
     rows = []

@@ -5,7 +5,7 @@ import pyarrow as pa
 import pytest
 
 from jbench.cli import main
-from jbench.commands.training import show_runs
+from jbench.commands.training import note_encoder, show_runs
 from jbench.report.data.curves import final_returns
 from jbench.returns import final_return
 from jbench.settings.algorithms import algorithm_settings
@@ -67,6 +67,16 @@ def test_evaluation_return_is_the_mean_of_the_last_evaluation(tmp_path, capsys):
     show_runs([short], Results(tmp_path))
     few = "The evaluation return is the mean of 3 episodes, too few to quote"
     assert few in " ".join(capsys.readouterr().out.split())
+
+
+def test_encoder_is_named_unless_its_own_name_was_typed():
+    id = "face_direction/dae12-epochs-20/s00-1f9a2c4e"
+    run = RUN.model_copy(update={"encoder": id})
+    for typed in ("12", "dae12"):
+        assert note_encoder(typed, run) == [f"--encoder {typed} is {id}."]
+    for typed in ("dae12-epochs-20", "face_direction/dae12", id):
+        assert note_encoder(typed, run) == []
+    assert note_encoder("none", RUN) == []
 
 
 def test_nonfinite_returns_are_left_out():

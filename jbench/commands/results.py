@@ -13,7 +13,8 @@ from jbench.settings.base import validated
 from jbench.wording import are, counted, json_text, repair_hint, with_results
 
 _SHOWN = 100  # rows of a query in a table for people
-_LONGEST = 80  # characters of a cell of it
+_LONGEST = 80  # characters of a cell of it with JSON
+_LONGEST_SENTENCE = 400  # of one with another text, such as an error
 
 
 def query(
@@ -41,14 +42,23 @@ def query(
     elif as_csv:
         output.raw(to_csv(answer))
     else:
-        # A long text, such as the JSON of settings, is cut so that its row stays one of the table.
-        shown = answer.head(_SHOWN).map(
-            lambda cell: cell if len(str(cell)) <= _LONGEST else f"{str(cell)[: _LONGEST - 1]}…"
-        )
+        first = answer.head(_SHOWN)
+        shown = first.map(_cut)
         less = f", the first {_SHOWN} shown; --csv prints all" if len(answer) > _SHOWN else ""
+        if not less and not shown.equals(first):
+            less = "; --csv prints long texts whole"
         output.frame(counted(len(answer), "row") + less, shown)
 
     output.warn_of_damage(problems, repair_hint(results))
+
+
+def _cut(cell: Any) -> Any:
+    """Returns a cell; of a long text, such as the JSON of settings, its beginning.
+
+    Its row then stays one of the table.
+    """
+    longest = _LONGEST if str(cell).startswith(("{", "[")) else _LONGEST_SENTENCE
+    return cell if len(str(cell)) <= longest else f"{str(cell)[: longest - 1]}…"
 
 
 def repair(

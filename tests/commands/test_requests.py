@@ -128,7 +128,9 @@ def test_missing_results_directory_is_refused(arguments, tmp_path, refused):
     assert not missing.exists()
 
 
-def test_query_of_published_curves_needs_no_results_and_is_cut(tmp_path, document, capsys):
+def test_query_of_published_curves_needs_no_results_and_is_cut(
+    tmp_path, document, capsys, monkeypatch
+):
     missing = tmp_path / "missing"
     sql = "SELECT count(DISTINCT task) AS tasks FROM published"
     assert document("query", sql, results=missing) == [{"tasks": 5}]
@@ -137,8 +139,13 @@ def test_query_of_published_curves_needs_no_results_and_is_cut(tmp_path, documen
     printed = capsys.readouterr().out
     assert printed.startswith("101 rows, the first 100 shown; --csv prints all")
     assert printed.count("vector-exact") == 100
-    assert main(["query", "SELECT repeat('x', 81) AS long", "--results", "reference"]) == 0
-    assert f"{'x' * 79}…" in capsys.readouterr().out
+    # JSON is cut, and a sentence is not.
+    for text, shown in (("{" + "x" * 80, "{" + "x" * 78 + "…"), ("x" * 81, "x" * 81)):
+        monkeypatch.setenv("COLUMNS", "100")
+        assert main(["query", f"SELECT '{text}' AS long", "--results", "reference"]) == 0
+        printed = capsys.readouterr().out
+        assert printed.startswith("1 row; --csv prints long texts whole") == ("…" in shown)
+        assert shown in printed
 
 
 @pytest.mark.parametrize("verb", ["collect", "train-dae", "train", "report"])

@@ -14,7 +14,7 @@ from jbench.datasets import ending, layout
 from jbench.errors import RequestError, WorkError
 from jbench.names import TASKS
 from jbench.settings.base import validated
-from jbench.settings.records import JITTERBUG, DatasetSettings
+from jbench.settings.records import JITTERBUG, DatasetSettings, episode_steps
 from jbench.store import Record, Results, schema
 from jbench.store.code import ChangedCodeError, changed_files, since_recorded
 from jbench.store.manifest import FileEntry
@@ -173,7 +173,7 @@ class Dataset:
 
 def _small(robot: str) -> int:
     """Returns the control steps of a small dataset of a robot: whole episodes."""
-    length = 1000 if robot == JITTERBUG else find_task(robot).episode_steps
+    length = episode_steps(None if robot == JITTERBUG else find_task(robot).specs)
     return math.ceil(100_000 / length) * length
 
 

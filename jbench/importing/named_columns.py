@@ -39,7 +39,7 @@ _NAMES = {
 }
 """Names of the columns of a CSV file, of which the first that it has is used."""
 
-_GROUP = re.compile(r"(.*/)?(eval_|train_)?")
+_GROUP = re.compile(r"^(.*/)?(eval_|train_)?")
 """What a metric's name may have before the name of the number."""
 
 _METRIC = ("metric", "metrics", "tag", "key")

@@ -67,6 +67,14 @@ def test_failed_and_unfinished_runs_are_used_and_noted(fabric):
     )
 
 
+def test_seeds_whose_episodes_end_early_are_not_called_unequal(fabric):
+    for seed, count in enumerate((4, 6)):
+        fabric.run([1.0] * count, seed, steps=3000)
+    (cell,), _ = fabric.configurations()
+    assert cell.lengths.tolist() == [4, 6]
+    assert not any("unequal" in note for note in cell.notes)
+
+
 def test_non_finite_returns_are_noted(fabric):
     for seed, returns in enumerate(([1, np.nan, 2], [np.inf, -np.inf, 3], [4])):
         fabric.run(returns, seed=seed)

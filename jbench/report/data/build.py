@@ -177,7 +177,9 @@ def _notes_on_runs(same: pd.DataFrame, chosen: pd.DataFrame, kind: ReturnsName) 
         for seed in others["seed"][others["status"] == ended]:
             notes.append(f"seed {seed} {ended} after {counted(lengths[seed], point)}")
 
-    if (different := others["recorded"]).nunique() > 1:
+    # Where episodes end early, runs of the same control steps have other numbers of them.
+    is_whole = others["steps"].nunique() == 1 and (others["status"] == "finished").all()
+    if (different := others["recorded"]).nunique() > 1 and not is_whole:
         notes.append(f"seeds of unequal length, {different.min()} to {different.max()} {point}s")
 
     return notes

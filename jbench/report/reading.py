@@ -109,7 +109,10 @@ def notes_on(configurations: Sequence[Configuration]) -> list[str]:
     named: dict[str, list[str]] = {}
     for config in configurations:
         for note in config.notes:
-            named.setdefault(note, []).append(config.configuration)
+            names = named.setdefault(note, [])
+            # A configuration has a part for each kind of return.
+            if config.configuration not in names:
+                names.append(config.configuration)
 
     return [
         f"{names[0] if len(names) == 1 else f'{len(names)} configurations, such as {names[0]}'}: "

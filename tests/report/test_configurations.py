@@ -4,6 +4,8 @@ import numpy as np
 
 from jbench.names import shown_representation
 from jbench.report.data.build import usable_runs
+from jbench.report.frames import Frames
+from jbench.report.reading import notes_on
 from jbench.store import query
 
 
@@ -130,3 +132,12 @@ def test_size_that_follows_from_task_is_not_in_name(fabric):
     ]
     assert shown_representation("planar13-observation-whitened") == "planar-observation-whitened"
     assert shown_representation("dae12-whitened") == "dae12-whitened"
+
+
+def test_note_counts_a_configuration_once(fabric):
+    for seed in range(2):
+        fabric.run([1.0] * 4, seed, evaluated={2000: 1.0, 4000: 1.0})
+    found = Frames(fabric.results)
+    (config, *_) = found.source.configurations
+    config.notes = ("bot.py has changed",)
+    assert notes_on([config, config]) == [f"{config.configuration}: bot.py has changed."]

@@ -186,7 +186,7 @@ class Environments:
             generator.bit_generator.state = saved
 
     def _end_episodes(self) -> Ends | None:
-        """Returns the episodes that ended with a control step, if any, and begins the next ones."""
+        """Returns which episodes have just ended, None if none has, and begins the next ones."""
         self.steps += 1
         if self.steps != self.episode_steps:
             return None

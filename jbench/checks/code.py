@@ -123,7 +123,8 @@ def _installed(name: str) -> What:
     if name in SETTINGS:
         raise RequestError(f"{name} is jbench's own; type MODULE:CLASS of an algorithm of yours.")
 
-    close = closest(name, [*SUITE_TASKS, *(each for names in by_what.values() for each in names)])
+    offered = [each for names in by_what.values() for each in names]
+    close = closest(name, [*SUITE_TASKS, *offered])
     meant = "" if close is None else f"did you mean {close}? "
     raise RequestError(
         f"There is no code called {name!r}: {meant}Type MODULE:NAME of a task, an agent, an update "

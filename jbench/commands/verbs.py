@@ -84,7 +84,7 @@ def _docstrings(module: str) -> dict[str, str]:
 
 
 def _paragraphs(docstring: str) -> str:
-    """Returns a docstring with each paragraph on a line, which the terminal breaks at its width."""
+    """Returns a docstring whose paragraphs have a line each, for the terminal to break."""
     paragraphs = inspect.cleandoc(docstring).split("\n\n")
     return "\n\n".join(" ".join(paragraph.splitlines()) for paragraph in paragraphs)
 

@@ -97,7 +97,8 @@ class Shard(NamedTuple):
 
     def to(self, device: torch.device) -> "Shard":
         """Returns a copy on a device."""
-        followed = self.followed and Followed(self.followed.counts.to(device))
+        counts = None if self.followed is None else self.followed.counts.to(device)
+        followed = None if counts is None else Followed(counts)
         states, actions, rewards = (part.to(device) for part in self[:3])
         return Shard(states, actions, rewards, followed)
 

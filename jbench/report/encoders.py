@@ -12,7 +12,7 @@ from jbench.report.analysis.scores import seed_scores
 from jbench.report.data.configuration import ID, Configurations, differing_in, in_order
 from jbench.settings.base import settings_hash
 from jbench.settings.recorded import ENCODER_VARIANT
-from jbench.settings.variants import DATE, variant_labels
+from jbench.settings.variants import first_dates, variant_labels
 from jbench.statistics import bootstrap as st
 
 PREDICTED = {n: n.replace("_", " ") for n in ("yaw_rate", "forward_speed", "tilt_rate", "reward")}
@@ -57,7 +57,8 @@ def encoder_frame(tables: Mapping[str, pd.DataFrame], task: str | None = None) -
 
     names = rows["encoder"].str.split("/").str[1]  # such as dae12-observation-whitened
     rows["representation"] = names.map(shown_representation)
-    dates = _code_dates(rows)
+    codes = [json.loads(text).get("sources") for text in rows["settings"]]
+    dates = first_dates(zip(codes, rows["created"], strict=True))
     by_name = rows.groupby(["task", "representation"])
     rows["settings"] = by_name["settings"].transform(_labels, dates)
     for name in _FRACTIONS:
@@ -143,17 +144,6 @@ def return_frame(configurations: Configurations) -> pd.DataFrame:
             rows.append(config.identity | numbers)
 
     return pd.DataFrame(rows, columns=[*ID, "steps", "seeds", "iqm", "low", "high"])
-
-
-def _code_dates(encoders: pd.DataFrame) -> dict[str, str]:
-    """Returns the date of the first encoder with each checksum of users' code."""
-    dates: dict[str, str] = {}
-    for text, created in zip(encoders["settings"], encoders["created"], strict=True):
-        code = json.loads(text).get("sources")
-        if isinstance(code, str):
-            date = str(created)[:DATE]
-            dates[code] = min(date, dates.get(code, date))
-    return dates
 
 
 def _labels(texts: pd.Series, dates: Mapping[str, str]) -> list[str]:

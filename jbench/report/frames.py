@@ -104,7 +104,7 @@ class Frames:
     @cached_property
     def _specs(self) -> policies.Shown:
         """What is recorded of each task of jbench; those of a file may be anything."""
-        return policies.specs_of(c for c in self._every if c.source != FILE)
+        return policies.specs_by_task(c for c in self._every if c.source != FILE)
 
     @cached_property
     def _planned(self) -> Sequence[Sequence[StudyComparison]]:

@@ -37,7 +37,7 @@ _SHOWN = 4  # policies in a figure
 _BINS = 80  # of positions, along each axis
 
 
-def specs_of(configurations: Iterable[Configuration]) -> Shown:
+def specs_by_task(configurations: Iterable[Configuration]) -> Shown:
     """Returns what configurations record of their task, by task; manifests are untrusted."""
     found: dict[str, list[Mapping[str, Any]]] = {}
     for config in configurations:
@@ -77,8 +77,8 @@ def baseline_frame(shown: Shown, tables: Mapping[str, pd.DataFrame]) -> pd.DataF
 
 def without_baseline(shown: Shown, tables: Mapping[str, pd.DataFrame]) -> list[str]:
     """Returns a sentence on each task whose random actions are not shown; see `baseline_frame`."""
-    every = evaluated_returns(tables, RANDOM)
-    fitting = evaluated_returns(tables, RANDOM, shown)
+    every = {*_evaluations(tables, RANDOM)["task"]}
+    fitting = {*_evaluations(tables, RANDOM, shown)["task"]}
     return [
         f"Random actions on {task} are left out: not all runs are of the code on which they were "
         f"evaluated. jbench evaluate {RANDOM} --task {task} evaluates them on the present code, "
@@ -108,15 +108,29 @@ def hand_written_returns(tables: Mapping[str, pd.DataFrame]) -> dict[str, FloatA
 
 
 def evaluated_returns(
-    tables: Mapping[str, pd.DataFrame],
-    policy: str,
-    shown: Shown | None = None,
+    tables: Mapping[str, pd.DataFrame], policy: str, shown: Shown | None = None
 ) -> dict[str, FloatArray]:
     """Returns the finite returns (episodes,) of a policy without training, by task.
 
-    The evaluation of a task with the most episodes counts, or the newest of several such. Only
-    evaluations on the plain robot with random targets count, and if `shown` is given, see
-    `baseline_frame`, only those of its tasks with the code of all that is shown.
+    See `_evaluations` for the evaluations that count.
+    """
+    chosen = _evaluations(tables, policy, shown)
+    episodes = tables["policy_episodes"]
+    episodes = episodes[np.isfinite(episodes["episode_return"])]
+    returns = episodes.groupby("evaluation", observed=True)["episode_return"]
+    known = {str(name): values.to_numpy(float) for name, values in returns}
+    pairs = zip(chosen["task"], chosen["evaluation"], strict=True)
+    return {task: known.get(evaluation, np.empty(0)) for task, evaluation in pairs}
+
+
+def _evaluations(
+    tables: Mapping[str, pd.DataFrame], policy: str, shown: Shown | None = None
+) -> pd.DataFrame:
+    """Returns the row of the evaluation of a policy without training that counts, of each task.
+
+    It is that with the most episodes, or the newest of several such. Only evaluations on the plain
+    robot with random targets count, and if `shown` is given, see `baseline_frame`, only those of
+    its tasks with the code of all that is shown.
     """
     rows = tables["policy_evaluations"]
     rows = rows[(rows["policy"] == policy) & (rows["status"] == "finished")]
@@ -128,13 +142,7 @@ def evaluated_returns(
         for each in settings
     ]
     rows = rows[np.array(usual, bool)].dropna(subset=["task", "episodes"])
-    chosen = rows.sort_values(["episodes", "created"]).drop_duplicates("task", keep="last")
-    episodes = tables["policy_episodes"]
-    episodes = episodes[np.isfinite(episodes["episode_return"])]
-    returns = episodes.groupby("evaluation", observed=True)["episode_return"]
-    known = {str(name): values.to_numpy(float) for name, values in returns}
-    pairs = zip(chosen["task"], chosen["evaluation"], strict=True)
-    return {task: known.get(evaluation, np.empty(0)) for task, evaluation in pairs}
+    return rows.sort_values(["episodes", "created"]).drop_duplicates("task", keep="last")
 
 
 def _is_of_code(evaluation: Mapping[str, Any], shown: Sequence[Mapping[str, Any]]) -> bool:

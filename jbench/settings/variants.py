@@ -102,14 +102,23 @@ def code_dates(runs: Iterable[tuple[Run, object]]) -> dict[str, str]:
 
     The dates are those of manifests, to the day.
     """
-    dates = dict[str, str]()
-    for run, created in runs:
-        specs = getattr(run, "specs", None)
-        date = str(created)[:DATE]
-        for holder, name in product((run, specs), CODE_WORDS):
-            value = getattr(holder, name, None)
-            if isinstance(value, str):
-                dates[value] = min(date, dates.get(value, date))
+    return first_dates(
+        (getattr(holder, name, None), created)
+        for run, created in runs
+        for holder, name in product((run, getattr(run, "specs", None)), CODE_WORDS)
+    )
+
+
+def first_dates(checksums: Iterable[tuple[object, object]]) -> dict[str, str]:
+    """Returns the date of the first record with each checksum, of those that have one.
+
+    Checksums come with when their record was begun.
+    """
+    dates: dict[str, str] = {}
+    for checksum, created in checksums:
+        if isinstance(checksum, str):
+            date = str(created)[:DATE]
+            dates[checksum] = min(date, dates.get(checksum, date))
 
     return dates
 

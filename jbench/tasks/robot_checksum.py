@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-# Fields of MuJoCo's model and its options by which two robots differ; not drawn ones, and none that
-# a later version might add.
+# Fields of MuJoCo's model and its options by which two robots differ, without fields that only
+# draw.
 _COMPARED = """
 body_parentid body_pos body_quat body_mass body_inertia body_ipos jnt_type jnt_axis jnt_pos
 jnt_range jnt_stiffness dof_damping dof_armature dof_frictionloss geom_type geom_size geom_pos

@@ -9,6 +9,7 @@ import time
 
 from jbench.task_specs import EPISODE_STEPS
 from tests.forking import COMMAND, ROOT, Forked, server
+from tests.json_documents import check_document
 
 # Background processes of a script ignore Ctrl-C; this command restores it.
 INTERRUPTIBLE = (
@@ -67,8 +68,10 @@ def start(*arguments, results=None, cwd=None, short=False):
 
 
 def jbench(*arguments, **options):
-    """Runs a jbench command; returns the completed process."""
-    return start(*arguments, **options).finished()
+    """Runs a jbench command, whose JSON must fit its schema; returns the completed process."""
+    done = start(*arguments, **options).finished()
+    check_document(arguments, done.stdout)
+    return done
 
 
 def succeed(*arguments, results, short=False):

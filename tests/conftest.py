@@ -53,14 +53,20 @@ def coarse_pictures(rendering, monkeypatch):
 
 @pytest.fixture
 def run_command(capsys):
-    """Returns a function that runs a command: exit code, standard output, standard error."""
+    """Returns a function that runs a command: exit code, standard output, standard error.
+
+    What it prints with --json must fit the schema of its document.
+    """
     from jbench.cli import main
+    from tests.json_documents import check_document
 
     def run(*arguments, results=None):
         where = () if results is None else ("--results", str(results))
         capsys.readouterr()
         code = main([*map(str, arguments), *where])
-        return code, *capsys.readouterr()
+        out, err = capsys.readouterr()
+        check_document(arguments, out)
+        return code, out, err
 
     return run
 

@@ -167,13 +167,16 @@ class Verify(Document):
 
 
 class Reproduce(Document):
-    """`reproduce`: the evaluation and the episodes that were computed again."""
+    """`reproduce`: the last evaluation and the first training episodes, computed again."""
 
     run: str
     equal: bool
     evaluation: Annotated[Any, _object(Repeated)] | None
-    episodes: Annotated[Any, _object(Repeated)] | None
-    changed: dict[str, list[Any]]
+    training: Annotated[Any, _object(Repeated)] | None
+    changed: dict[str, list[Any]] = Field(
+        description="versions and processor that are not the recorded ones: both of each"
+    )
+    code: list[str] = Field(description="what has changed of the users' code of the run")
 
 
 class Move(BaseModel):

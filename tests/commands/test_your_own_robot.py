@@ -29,7 +29,9 @@ def test_robot_of_page_is_collected_encoded_trained_and_reported(tmp_path):
     results = api.open(tmp_path / "results")
     runs = results.runs()
     assert set(zip(runs["task"], runs["representation"], runs["seed"], strict=True)) == {
-        (TASK, representation, seed) for representation in ("full", "dae4") for seed in (0, 1)
+        (TASK, representation, seed)
+        for representation in ("full", "dae4-epochs-2")
+        for seed in (0, 1)
     }
     assert runs["evaluation_return"].between(0, 1000).all()
     page = (tmp_path / "results" / "report" / "index.html").read_text()

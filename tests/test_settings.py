@@ -2,11 +2,11 @@
 
 import pytest
 
-from jbench.settings.algorithms import algorithm_settings
+from jbench.settings.algorithms import algorithm_settings, default_base
 from jbench.settings.recorded import Unreadable, alike, comparable, flatten, read_run
 from jbench.settings.records import ExternalSettings
 from jbench.settings.run import RunSettings
-from jbench.settings.variants import variant_labels, variant_words
+from jbench.settings.variants import CUT, chosen_words, variant_labels, variant_words
 
 RUN = {
     "task": "face_direction",
@@ -109,6 +109,47 @@ def test_hyperparameters_of_the_option_are_no_words():
 def test_option_of_ours_is_named_only_where_it_is_used():
     runs = {"plain": with_changes("td3"), "mirrored": with_changes("td3", changes={"mirror": True})}
     assert variant_words(runs) == {"plain": "", "mirrored": "mirror=true"}
+
+
+def full_run(algo="td3", base=None, changes=(), task="face_direction", **more):
+    """Returns the settings of a run as `jbench train` records them."""
+    source = default_base(task, base)
+    specs = {"parts": ["x"], "sizes": [1], "action_minimum": [-1], "action_maximum": [1]}
+    values = {**RUN, "algo": algo, "task": task, "specs": specs if ":" in task else None, **more}
+    values["hyperparameters"] = algorithm_settings(algo, source, dict(changes)).values
+    run = read_run(values)
+    assert isinstance(run, RunSettings)
+    return run
+
+
+@pytest.mark.parametrize(
+    ("run", "named"),
+    [
+        (full_run(), ""),
+        (full_run("ddpg", time_limit="bootstrap", engine="batched"), ""),
+        (full_run(task="dmc:cheetah-run"), ""),
+        (full_run(changes={"batch_size": 64}), "batch_size=64"),
+        (full_run(changes={"normalize": "running"}), "normalize=running"),
+        (full_run("ppo", "script"), "settings=script"),
+        (full_run("ddpg", "figure8", time_limit="terminal"), "settings=figure8"),
+        (full_run("ddpg", "figure8"), "settings=figure8, time_limit=bootstrap"),
+        (full_run("sac", "suite"), "settings=suite"),
+        (full_run("sac", "published", task="dmc:cheetah-run"), "settings=published"),
+        (full_run(augment=3), "augment=3"),
+        (full_run(engine="sb3"), "stable-baselines3"),
+        (full_run(representation="ofe12", ofe={"units": 12, "layers": 2}), "layers=2"),
+        (full_run(evaluate_every=500, seed=3), ""),
+    ],
+)
+def test_only_variant_is_named_by_what_is_not_the_default(run, named):
+    assert variant_words({"a": run}) == {"a": named}
+
+
+def test_name_of_many_settings_is_cut_and_all_are_known():
+    changes = {"tau": 0.5, "gamma": 0.9, "batch_size": 7, "buffer_size": 99, "noise_sigma": 0.3}
+    run = full_run(changes=changes)
+    assert variant_words({"a": run})["a"].endswith(f"{CUT} (a)")
+    assert sorted(chosen_words(run).split(", ")) == sorted(f"{n}={v}" for n, v in changes.items())
 
 
 def test_external_run_named_td3_has_only_its_hyperparameters():

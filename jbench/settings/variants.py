@@ -8,7 +8,9 @@ from functools import cache
 from itertools import product
 from typing import Any
 
-from jbench.settings.algorithms import SETTINGS, algorithm_settings
+from jbench.names import TASKS
+from jbench.settings.algorithms import SETTINGS, algorithm_settings, default_base
+from jbench.settings.defaults import BASE, chosen_paths, nearest_base
 from jbench.settings.recorded import COMPARED, VARIANT, Flat, Run, alike, flatten
 from jbench.settings.run import RunSettings
 
@@ -16,6 +18,9 @@ _TABLE = "hyperparameters"
 _NAMED_SETTINGS = 4
 _VALUE_LENGTH = 34
 _CODE_LENGTH = 6
+
+CUT = "…"
+"""In names that have no room for all settings."""
 
 DATE = 10
 """Characters of a date, such as 2026-11-28."""
@@ -28,7 +33,7 @@ _SAME_NAME = (*COMPARED, "task", "specs", "encoder", "encoder_draws")
 _ENCODER = ("encoder",)
 _DRAWS = ("encoder_draws",)
 _WHOSE = "encoders"  # whether agents have one encoder each, or share one
-_BASE = "settings"  # the option of `jbench train` that selects all hyperparameters
+_USUAL = "usual"  # in place of the source that a task has if none is typed
 
 _WORDS = {
     ("engine", "sb3"): "stable-baselines3",
@@ -36,10 +41,9 @@ _WORDS = {
     ("precision", "tf32"): "tf32",
     (_WHOSE, "each"): "an encoder per agent",
     (_WHOSE, "one"): "one encoder",
-    (_BASE, "published"): "",
-    (_BASE, "suite"): "",
+    (BASE, _USUAL): "",
 }
-"""Settings that have a name of their own; none for the published hyperparameters."""
+"""Settings that have a name of their own; none for the hyperparameters that a task has."""
 
 
 def variant_labels(
@@ -61,10 +65,11 @@ def variant_words(
 ) -> dict[str, str]:
     """Returns the names of variants of one algorithm and representation in legends.
 
-    A name is relative to the variants on all tasks, so that it means the same settings on each. It
-    has no defaults, so that of the variant with all defaults is empty. A setting with a name of its
-    own is called by it, `stable-baselines3` instead of `engine=sb3`, and is always named. Users'
-    code is called by the beginning of its checksum and by its date, `code 3f2a91 of 2026-11-28`.
+    A name has the settings that differ between the variants on all tasks, so that it means the same
+    on each, and those that are not the defaults, even if all variants agree. That of the only
+    variant is empty if it has all defaults. A setting with a name of its own is called by it,
+    `stable-baselines3` instead of `engine=sb3`. Users' code is called by the beginning of its
+    checksum and by its date, `code 3f2a91 of 2026-11-28`.
 
     Args:
         settings: by variant.
@@ -95,6 +100,14 @@ def variant_words(
                 named[v] = ", ".join(filter(None, (words[variant], text)))
 
     return named
+
+
+def chosen_words(run: Run) -> str:
+    """Returns all settings of a run that are known not to be the defaults, however many."""
+    flat = flatten(run) if isinstance(run, RunSettings) else {}
+    named = _with_base(flat, only_recorded=True)
+    paths = [path for path in named if path in chosen_paths(run) and path[0] not in COMPARED]
+    return ", ".join(f"{path[-1]}={value_text(named[path])}" for path in paths)
 
 
 def code_dates(runs: Iterable[tuple[Run, object]]) -> dict[str, str]:
@@ -143,13 +156,6 @@ def _word(name: str, value: Any, dates: Mapping[str, str]) -> str:
     return _WORDS.get((name, str(value)), f"{name}={_text(value)}")
 
 
-def _is_named(flat: Flat, path: tuple[str, ...]) -> bool:
-    """Returns whether a setting has a word of its own, such as the name of an engine."""
-    # The engine of agents of other packages follows from the algorithm.
-    ours = flat.get(("algo",)) in SETTINGS
-    return ours and bool(_WORDS.get((path[-1], str(flat.get(path)))))
-
-
 def _labels(
     settings: Mapping[str, Run | Mapping[str, Any]],
     form: Callable[[str, Any], str],
@@ -160,13 +166,14 @@ def _labels(
 ) -> dict[str, str]:
     """Returns the labels of variants, made by a form of names and values.
 
-    If `in_words`, options of ours at their default are left out. If `always_named`, settings with a
-    name of their own are in them even if all variants agree.
+    If `in_words`, options of ours at their default are left out. If `always_named`, settings that
+    are not the defaults are in them even if all variants agree.
     """
     flat = {v: _with_base(flatten(values), in_words) for v, values in settings.items()}
     if in_words:
         flat = _with_encoders(flat)
 
+    always = {v: chosen_paths(run) if always_named else set() for v, run in settings.items()}
     paths = list(dict.fromkeys(path for values in flat.values() for path in values))
     differing = [
         path
@@ -174,24 +181,31 @@ def _labels(
         if path[0] not in left_out
         and (
             len({json.dumps(values.get(path, ...), default=repr) for values in flat.values()}) > 1
-            or (always_named and any(_is_named(values, path) for values in flat.values()))
+            or any(path in named for named in always.values())
         )
     ]
     ends = Counter(path[-1] for path in differing)
     names = {path: path[-1] if ends[path[-1]] == 1 else ".".join(path) for path in differing}
     rows = sorted(flat.items(), key=lambda row: ([_rank(row[1].get(p)) for p in differing], row[0]))
     labels = {}
+    has_all = True
     for variant, values in rows:
         texts = {path: form(names[path], values.get(path, ...)) for path in differing}
+        for path in always[variant].intersection(differing):
+            texts[path] = texts[path] or f"{names[path]}={_text(values[path])}"
+
         algo = values.get(("algo",))
         usual = _bases(algo)["published"] if algo in SETTINGS else {}
         unusual = sorted(filter(texts.get, differing), key=lambda p: values.get(p) == usual.get(p))
         shown = {*unusual[:_NAMED_SETTINGS]}
+        has_all = has_all and len(shown) == len(unusual)
         labels[variant] = ", ".join(texts[path] for path in differing if path in shown)
 
     # Labels must stay distinct, even if settings are left out or values are cut short.
-    if len(differing) > _NAMED_SETTINGS or len(set(labels.values())) < len(labels):
-        labels = {v: ", ".join(filter(None, (label, f"… ({v})"))) for v, label in labels.items()}
+    if not has_all or len(set(labels.values())) < len(labels):
+        labels = {
+            v: ", ".join(filter(None, (label, f"{CUT} ({v})"))) for v, label in labels.items()
+        }
 
     return labels
 
@@ -223,28 +237,29 @@ def _with_encoders(flat: Mapping[str, Flat]) -> dict[str, Flat]:
 def _with_base(flat: Flat, only_recorded: bool) -> Flat:
     """Returns settings of a run with the name of the nearest base, and what differs from it.
 
-    If `only_recorded`, options of ours that are at their default, such as `mirror`, are left out.
+    If `only_recorded`, options of ours that are at their default, such as `mirror`, are left out,
+    and so is the name of the base that is the task's default.
     """
     algo = flat.get(("algo",))
     given = {path: value for path, value in flat.items() if path[0] == _TABLE}
     if algo not in SETTINGS or not given:
         return flat
 
-    bases = _bases(algo)
-
-    def changed(base: str) -> Flat:
-        values = bases[base]
-        return {path: value for path, value in given.items() if values.get(path, ...) != value}
-
-    base = min(bases, key=lambda name: len(changed(name)))  # the first of several: published
-    changes = given if base == "published" else bases["published"]
+    published = _bases(algo)["published"]
+    # Only in tests runs have no task.
+    task = str(flat.get(("task",), TASKS[0]))
+    base = nearest_base(algo, {".".join(path[1:]): value for path, value in given.items()}, task)
+    assert base is not None
+    changes = given if base == "published" else published
     if only_recorded:
         omitted = flatten({_TABLE: SETTINGS[algo].omitted()})
         changes = {p: v for p, v in changes.items() if v != omitted.get(p, ...)}
     if base != "published":
-        changes = changes | changed(base)
+        source = _bases(algo)[base]
+        changes = changes | {p: v for p, v in given.items() if source.get(p, ...) != v}
 
-    return {(_BASE,): base} | {p: v for p, v in flat.items() if p not in given} | changes
+    shown = _USUAL if only_recorded and base == default_base(task) else base
+    return {(BASE,): shown} | {p: v for p, v in flat.items() if p not in given} | changes
 
 
 @cache
@@ -263,7 +278,7 @@ def _text(value: Any) -> str:
         return "(not set)"
     text = value_text(value)
     half = _VALUE_LENGTH // 2
-    return text if len(text) <= _VALUE_LENGTH else f"{text[:half]}…{text[-half:]}"
+    return text if len(text) <= _VALUE_LENGTH else f"{text[:half]}{CUT}{text[-half:]}"
 
 
 def value_text(value: Any) -> str:

@@ -5,16 +5,10 @@ import shlex
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from jbench.names import FULL, Base, in_ranges
-from jbench.settings.algorithms import (
-    SETTINGS,
-    algorithm_settings,
-    default_base,
-    default_time_limit,
-)
-from jbench.settings.base import canonical_json, typed_default
+from jbench.names import FULL, in_ranges
+from jbench.settings.defaults import chosen
 from jbench.settings.recorded import Run, read_run
-from jbench.settings.run import TYPED, RunSettings
+from jbench.settings.run import RunSettings
 from jbench.store.provenance import shell_command
 from jbench.studies.rebuilt_matrix import SameSettings, groups
 
@@ -49,50 +43,18 @@ def train_command(group: SameSettings) -> str:
         words += ["--encoder", run.representation]
     words += ["--seeds", in_ranges(group.seeds)]
 
-    base = _nearest_base(run)
-    if base is not None and base != default_base(run.task):
-        words += ["--settings", base]
-    for name in TYPED:
-        field = RunSettings.model_fields[name]
-        value = getattr(run, name)
-        if value != _if_not_typed(name, run, base):
-            words += [f"--{(field.title or name).replace('_', '-')}", str(value)]
-    for name, value in _changed(run, base).items():
+    what = chosen(run)
+    if what.base is not None and not what.is_usual_base:
+        words += ["--settings", what.base]
+    for name, value in what.options.items():
+        title = RunSettings.model_fields[name].title or name
+        words += [f"--{title.replace('_', '-')}", str(value)]
+    for name, value in what.hyperparameters.items():
         words += ["--set", f"{name}={_set_value(value)}"]
-    if run.ofe is not None:
-        defaults = type(run.ofe).model_fields
-        for name, value in run.ofe.values.items():
-            if name != "units" and value != defaults[name].default:
-                words += ["--set", f"ofe.{name}={_set_value(value)}"]
+    for name, value in what.features.items():
+        words += ["--set", f"ofe.{name}={_set_value(value)}"]
+
     return shlex.join(words)
-
-
-def _if_not_typed(name: str, run: RunSettings, base: Base | None) -> Any:
-    """Returns the value of an option of `jbench train` that is left out, None if it varies."""
-    if name == "time_limit":
-        return default_time_limit(base)
-    if name == "engine":
-        return "batched" if run.algo in SETTINGS else run.engine
-    return typed_default(RunSettings.model_fields[name])
-
-
-def _nearest_base(run: RunSettings) -> Base | None:
-    """Returns the source of hyperparameters with the fewest changes; None for foreign ones."""
-    if run.algo not in SETTINGS:
-        return None
-    usual = default_base(run.task)
-    bases = sorted(SETTINGS[run.algo].bases, key=lambda base: base != usual)
-    return min(bases, key=lambda base: len(_changed(run, base)))
-
-
-def _changed(run: RunSettings, base: Base | None) -> dict[str, Any]:
-    """Returns the hyperparameters that differ from those of a source; all of foreign ones."""
-    if base is None:
-        return dict(run.hyperparameters)
-    omitted = json.loads(canonical_json(SETTINGS[run.algo].omitted()))
-    recorded = {**omitted, **run.hyperparameters}
-    usual = {**omitted, **algorithm_settings(run.algo, base).values}
-    return {name: value for name, value in recorded.items() if usual.get(name, ...) != value}
 
 
 def _set_value(value: Any) -> str:

@@ -5,7 +5,10 @@ import numpy as np
 from jbench.names import shown_representation
 from jbench.report.data.build import usable_runs
 from jbench.report.frames import Frames
+from jbench.report.page import render
 from jbench.report.reading import notes_on
+from jbench.report.report import table_files
+from jbench.settings.algorithms import algorithm_settings
 from jbench.store import query
 
 
@@ -34,6 +37,20 @@ def test_cells_follow_order_of_paper_with_full_first(fabric):
         fabric.run([1], task=task, algo=algo, representation=representation)
     found = [(c.task, c.algo, c.representation) for c in fabric.configurations()[0]]
     assert found == ordered
+
+
+def test_every_place_names_the_settings_that_are_not_defaults(fabric):
+    values = algorithm_settings("td3", overrides={"batch_size": 64}).values
+    more = {"engine": "batched", "evaluate_every": 1000, "evaluate_episodes": 2}
+    for seed in range(3):
+        fabric.run([500.0] * 3, seed, hyperparameters=values, evaluated={3000: 500.0}, **more)
+    frames = Frames(fabric.results)
+    assert frames.lead(frames.configurations)["label"].tolist() == ["TD3 full, batch_size=64"]
+    assert {*frames.curves["label"]} == {"TD3 full, batch_size=64"}
+    files = dict(table_files(frames))
+    for ending, written in ((".tex", r"full, batch\_size=64"), (".md", "full, batch_size=64")):
+        assert written in files[f"final_returns{ending}"]
+    assert "batch_size=64" in render(frames, [])
 
 
 def test_longest_run_of_seed_is_used_and_noted(fabric):

@@ -27,6 +27,7 @@ def test_variant_names_settings_that_differ_between_tasks_and_special_ones(resul
     add_whole_run(results, **read)
     add_whole_run(results, seed=1, **changed)
     add_whole_run(results, seed=2, precision="bfloat16", **changed)
+    read["hyperparameters"] = algorithm_settings("td3", "published").model_dump(mode="json")
     add_whole_run(results, algo="td3", precision="bfloat16", **read)
     lines, _ = list_runs(results, {})
     assert [line["variant"] for line in lines] == [
@@ -35,7 +36,10 @@ def test_variant_names_settings_that_differ_between_tasks_and_special_ones(resul
         "bfloat16, tau=0.01",
         "bfloat16",
     ]
+    # Alone, it is named by what is not the default.
     (line,), _ = list_runs(results, {"seed": {1}})
+    assert line["variant"] == "tau=0.01"
+    (line,), _ = list_runs(results, {"seed": {0}, "algo": {"ddpg"}})
     assert line["variant"] == ""
 
 

@@ -18,7 +18,7 @@ from jbench.report.data.configuration import KEY, OWN, Configuration, paper_orde
 from jbench.report.data.points import NOTHING, count_divergence, run_points, stacked
 from jbench.report.data.returns import EVALUATION, FILE, TRAINING
 from jbench.settings.recorded import comparable, parse_run
-from jbench.settings.variants import code_dates, variant_words
+from jbench.settings.variants import CUT, chosen_words, code_dates, variant_words
 from jbench.statistics import FloatArray, IntArray
 from jbench.statistics.bootstrap import MIN_SEEDS
 from jbench.wording import are, counted
@@ -131,7 +131,7 @@ def _build(
         if not (expected[kind] or known.any()):
             continue
         # Both kinds are of the same runs, on which only the first one has notes.
-        notes = _notes_on_runs(same, chosen, kind) if notes is None else []
+        notes = _notes_on_runs(same, chosen, kind, words) if notes is None else []
         used = chosen[known | diverged]
         if missing := len(chosen) - len(used):
             point = "evaluation" if kind == EVALUATION else "training episode"
@@ -149,10 +149,15 @@ def _build(
         yield config
 
 
-def _notes_on_runs(same: pd.DataFrame, chosen: pd.DataFrame, kind: ReturnsName) -> list[str]:
+def _notes_on_runs(
+    same: pd.DataFrame, chosen: pd.DataFrame, kind: ReturnsName, words: str
+) -> list[str]:
     """Returns notes on unusual ones of the runs of the same settings, of which some are chosen."""
     point = _NAMES[kind][0]
     notes = []
+    if CUT in words and (every := chosen_words(chosen["typed"].iloc[0])):
+        notes.append(f"its settings other than the defaults: {every}")
+
     if len(chosen) < MIN_SEEDS:
         few = f"only {counted(len(chosen), 'seed')}"
         notes.append(f"{few}: too few for a band and for quantiles")

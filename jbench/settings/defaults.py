@@ -1,0 +1,124 @@
+"""What was chosen for a run: its settings that are not the defaults of its task and algorithm."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+from jbench.names import Base
+from jbench.settings.algorithms import (
+    SETTINGS,
+    algorithm_settings,
+    default_base,
+    default_time_limit,
+)
+from jbench.settings.base import canonical_json, typed_default
+from jbench.settings.recorded import Run
+from jbench.settings.run import TYPED, RunSettings
+
+BASE = "settings"
+"""The option of `jbench train` that chooses a source of all hyperparameters."""
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """The settings of a run that are not defaults.
+
+    Attributes:
+        base: the source of hyperparameters from which the fewest differ; None for algorithms that
+            are not jbench's, whose defaults are not known.
+        is_usual_base: whether users of the task get this source if they choose none.
+        options: fields of the run, by name.
+        hyperparameters: those that differ from the source, by name; all of them without a source.
+        features: settings of learned features, by name.
+    """
+
+    base: Base | None
+    is_usual_base: bool
+    options: Mapping[str, Any]
+    hyperparameters: Mapping[str, Any]
+    features: Mapping[str, Any]
+
+
+def chosen(run: RunSettings) -> Chosen:
+    """Returns the settings of a run that are not defaults."""
+    base = nearest_base(run.algo, run.hyperparameters, run.task)
+    values = {name: getattr(run, name) for name in TYPED}
+    return Chosen(
+        base,
+        base in (None, default_base(run.task)),
+        {n: value for n, value in values.items() if value != _if_not_typed(n, run, base)},
+        _changed(run.algo, run.hyperparameters, base),
+        _chosen_features(run),
+    )
+
+
+def chosen_paths(run: Run | Mapping[str, Any]) -> set[tuple[str, ...]]:
+    """Returns the paths of the settings of a run that are known not to be the defaults.
+
+    Unknown are the defaults of other programs, and of hyperparameters of other packages.
+    """
+    if not isinstance(run, RunSettings):
+        return set()
+
+    what = chosen(run)
+    paths: set[tuple[str, ...]] = {(name,) for name in what.options}
+    paths |= {("ofe", name) for name in what.features}
+    if what.base is not None:
+        paths |= {("hyperparameters", name) for name in what.hyperparameters}
+        paths |= set() if what.is_usual_base else {(BASE,)}
+
+    return paths
+
+
+def nearest_base(algo: str, hyperparameters: Mapping[str, Any], task: str) -> Base | None:
+    """Returns the source with the fewest changes, of several the task's; None for foreign ones."""
+    if algo not in SETTINGS:
+        return None
+    usual = default_base(task)
+    bases = sorted(SETTINGS[algo].bases, key=lambda base: base != usual)
+    return min(bases, key=lambda base: len(_changed(algo, hyperparameters, base)))
+
+
+def _changed(algo: str, hyperparameters: Mapping[str, Any], base: Base | None) -> dict[str, Any]:
+    """Returns the hyperparameters that differ from those of a source; all of foreign ones."""
+    if base is None:
+        return dict(hyperparameters)
+    recorded = {**_omitted(algo), **hyperparameters}
+    usual = _of_source(algo, base)
+    return {name: value for name, value in recorded.items() if usual.get(name, ...) != value}
+
+
+@cache
+def _omitted(algo: str) -> Mapping[str, Any]:
+    """Returns the hyperparameters that records omit at their default, as JSON values."""
+    omitted: dict[str, Any] = json.loads(canonical_json(SETTINGS[algo].omitted()))
+    return omitted
+
+
+@cache
+def _of_source(algo: str, base: Base) -> Mapping[str, Any]:
+    """Returns all hyperparameters of a source, as JSON values."""
+    return {**_omitted(algo), **algorithm_settings(algo, base).values}
+
+
+def _if_not_typed(name: str, run: RunSettings, base: Base | None) -> Any:
+    """Returns the value of an option of `jbench train` that is left out, None if it varies."""
+    if name == "time_limit":
+        return default_time_limit(base)
+    if name == "engine":
+        return "batched" if run.algo in SETTINGS else run.engine
+    return typed_default(RunSettings.model_fields[name])
+
+
+def _chosen_features(run: RunSettings) -> dict[str, Any]:
+    """Returns the settings of learned features, but their number, that are not defaults."""
+    if run.ofe is None:
+        return {}
+    fields = type(run.ofe).model_fields
+    return {
+        name: value
+        for name, value in run.ofe.values.items()
+        if name != "units" and value != fields[name].default
+    }

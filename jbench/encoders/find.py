@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from jbench.encoders.registry import code_provenance
+from jbench import plugins
+from jbench.encoders.registry import code_provenance, kind_names
 from jbench.encoders.saved import load_encoder
 from jbench.encoders.settings import EncoderSettings, named_encoder, without_options
 from jbench.errors import RequestError, WorkError
@@ -35,6 +36,9 @@ def find_encoder(
     """
     results = results_to_read(results)
     find_task(task)
+    if plugins.is_imported(name) and name.partition(":")[0] not in kind_names():
+        raise _not_an_encoder(results, name, task)
+
     wanted = named_encoder(f"dae{name}" if name.isdecimal() else name, task)
     # A kind that was given as MODULE:CLASS is known only by its name in the ids.
     representation = name if wanted is None else wanted.representation
@@ -74,6 +78,23 @@ def find_encoder(
         )
 
     return id
+
+
+def _not_an_encoder(results: Results, kind: str, task: str) -> RequestError:
+    """Returns the error for a kind MODULE:CLASS that was typed as an encoder: what to type."""
+    trained = {
+        record.path.parent.name
+        for record in results.scan("encoder")[0]
+        if record.status == "finished"
+        and (record.settings.get("kind"), record.settings.get("task")) == (kind, task)
+    }
+    if trained:
+        instead = f"type --encoder {' or --encoder '.join(sorted(trained))}"
+    else:
+        command = with_results(f"jbench train-encoder --kind {kind} --task {task}", results.name)
+        instead = f"type {command} to train one; its last line names it"
+
+    return RequestError(f"{kind} is a kind of encoder, not an encoder; {instead}.")
 
 
 def _matches(results: Results, representation: str, task: str) -> list[Record]:

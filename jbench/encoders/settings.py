@@ -210,8 +210,7 @@ def named_encoder(name: str, task: str) -> EncoderSettings | None:
         if ":" not in name:
             return None
         if plugins.is_imported(name):
-            short = f"{short_name(name)}12"
-            raise RequestError(f"{name} is a class; type --encoder {short}, for example.")
+            raise RequestError(f"{name} is a kind of encoder; type the id of an encoder of it.")
     options = {} if match is None else _options_of_name(match, task)
     if options is None:
         return None

@@ -246,7 +246,8 @@ def test_kind_of_a_module_is_trained_and_used(short, site, tmp_path, monkeypatch
     used = run(*train("td3", "first-features7", "--seeds", "0", "--steps", str(2 * SHORT)))
     assert used.returncode == 0, used.stderr
     typed = run("train", "--encoder", kind)
-    assert "mine:FirstFeatures is a class; type --encoder first-features12, for" in typed.stderr
+    named = f"{kind} is a kind of encoder, not an encoder; type --encoder first-features7-batch-500"
+    assert named in typed.stderr
     monkeypatch.chdir(tmp_path.parent)
     without = run("train", "--encoder", encoder["id"])
     assert "mine:FirstFeatures can't be imported: there is no module mine" in without.stderr

@@ -58,7 +58,7 @@ _VERBS = {
             "Database",
         ),
         Verb("merge other-results", "results:merge", "Database"),
-        Verb("archive results --out results.zip --blind", "archive:archive", "Database"),
+        Verb("archive --out results.zip --blind", "archive:archive", "Database"),
         Verb(
             "reproduce reference/face_direction/td3/dae12/s00 --episodes 1",
             "checking:reproduce",

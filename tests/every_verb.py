@@ -9,7 +9,7 @@ import json
 
 from tests.command_line import SHORT, train
 
-WITHOUT_RESULTS = {"algorithms", "tasks", "leaderboard", "check", "schema", "archive"}
+WITHOUT_RESULTS = {"algorithms", "tasks", "leaderboard", "check", "schema"}
 """Commands without --results."""
 
 TESTED_ELSEWHERE = {"demo", "render", "view"}
@@ -74,7 +74,7 @@ def command_lines(place):
     (other / "runs").mkdir(parents=True)
     more = {
         "leaderboard": [str(place / "results")],
-        "archive": [str(place / "results"), "--out", str(place / "a.zip"), "--blind"],
+        "archive": ["--out", str(place / "a.zip"), "--blind"],
         "merge": [str(other)],
         "import": ["--task", "face_direction", str(curves)],
     }

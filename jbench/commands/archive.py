@@ -4,20 +4,29 @@ from pathlib import Path
 
 from typer import Argument, Option
 
+from jbench import names
 from jbench.commands import options, output, parsing
+from jbench.errors import RequestError
 from jbench.wording import counted
 
 
 def archive(
-    results: Path = Argument(
-        ..., parser=parsing.path, metavar="RESULTS", help="Results directory, or reference."
+    directory: Path | None = Argument(
+        None, parser=parsing.path, metavar="RESULTS", help="Results directory, as --results."
     ),
-    out: Path = Option(..., parser=parsing.path, metavar="FILE", help="Zip file to write."),
+    out: Path | None = Option(
+        None,
+        parser=parsing.path,
+        metavar="FILE",
+        help="Zip file to write (default: RESULTS.zip in the working directory, with --blind "
+        "RESULTS-blind.zip).",
+    ),
     blind: bool = Option(
         False,
         "--blind",
         help="Without names: of people, machines, directories, packages and modules.",
     ),
+    results: Path = options.READ_RESULTS,
     json: bool = options.JSON,
 ) -> None:
     """Write a zip file for reviewers: records, report, matrix and versions.
@@ -26,7 +35,13 @@ def archive(
     """
     from jbench.archive.write import write_archive
 
-    written = write_archive(parsing.results_to_read(results), out, blind)
+    if directory is not None and results != Path(names.RESULTS):
+        raise RequestError(f"Type either {directory} or --results {results}, not both.")
+
+    chosen = directory or results
+    database = parsing.results_to_read(chosen)
+    name = database.path.resolve().name if chosen.name in ("", "..") else chosen.name
+    written = write_archive(database, out or Path(f"{name}{'-blind' if blind else ''}.zip"), blind)
     for line in written.left_out:
         output.warn(f"{line}; left out.")
 

@@ -90,10 +90,12 @@ def content(results):
 def test_archive_verifies_and_reports_elsewhere(
     results, is_blind, tmp_path, known_machine, monkeypatch, run_command
 ):
-    arguments = ["archive", results.path, "--out", tmp_path / "a.zip"]
-    code, printed, _ = run_command(*arguments, *["--blind"] * is_blind)
+    # Both have the default directory, and the default file.
+    monkeypatch.chdir(results.path.parent)
+    code, printed, _ = run_command("archive", *(["--blind"] if is_blind else []))
     assert (code, "without names" in printed) == (0, is_blind)
-    place, entries = opened(tmp_path / "a.zip", tmp_path)
+    file = "results-blind.zip" if is_blind else "results.zip"
+    place, entries = opened(results.path.parent / file, tmp_path)
     # Another machine, where the first results are not.
     monkeypatch.undo()
     before = content(results)
@@ -191,3 +193,4 @@ def test_unfinished_run_is_left_out_and_named(results, tmp_path):
 def test_results_without_runs_are_refused(tmp_path, refused):
     (tmp_path / "empty").mkdir()
     assert "has no finished run" in refused("archive", tmp_path / "empty", "--out", tmp_path / "a")
+    assert "not both" in refused("archive", "mine", "--results", "theirs")

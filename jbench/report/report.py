@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 from jbench.report.frames import DEFAULT, Frames
 from jbench.report.request import Request
 from jbench.report.table import to_csv, to_latex, to_markdown
-from jbench.report.tables import for_paper, tables
+from jbench.report.tables import for_paper, tables, without_cells
 from jbench.store.database import Results
 from jbench.store.files import make_directory, open_plain, remove, sha256, write_atomic
 
@@ -47,6 +47,7 @@ def write_report(
 
     try:
         frames = Frames(results, request)
+        frames.notes += without_cells(frames)
         pa.default_memory_pool().release_unused()  # memory of the rows that were read
         make_directory(out)  # before anything is drawn, since it may raise an error
         texts = {} if request.watched else dict(table_files(frames))

@@ -2,6 +2,7 @@
 
 import pandas as pd
 
+from jbench.names import in_prose
 from jbench.report.analysis.scores import NORMALIZED
 from jbench.report.columns import ALGO, INTERVAL, OBSERVED, RANGE, SEEDS, TASK
 from jbench.report.comparison_tables import (
@@ -135,6 +136,25 @@ def for_paper(table: Table, frames: Frames) -> Table:
     # Methods of a file on all tasks together have an interquartile mean, and no median.
     middle = "IQM" if agents["median"].isna().any() and agents["iqm"].notna().all() else "median"
     return table.of(asked or ("task", _agent(frames).title, OBSERVED.title, "seeds", middle))
+
+
+def without_cells(frames: Frames) -> list[str]:
+    """Returns a note on columns that were asked for, and that no row has a value of."""
+    asked = frames.request.table_columns
+    if asked in (None, ("all",)):
+        return []
+
+    table = for_paper(_final_returns(frames), frames)
+    shown, _ = table.shown()
+    empty = [column.title for column in table.columns if column not in shown]
+    if not empty:
+        return []
+
+    columns = "column" if len(empty) == 1 else "columns"
+    return [
+        f"tables/final_returns.tex is without the {columns} {in_prose(empty, 'and')}, of which no "
+        "row has a value."
+    ]
 
 
 def leaderboard_table(frame: pd.DataFrame, returns: str) -> Table:

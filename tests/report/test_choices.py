@@ -65,6 +65,21 @@ def test_latex_table_fits_a_column_and_explains_its_words(fabric, out):
     assert "steps to 900" in (out / "tables" / "final_returns.tex").read_text()
 
 
+def test_asked_columns_that_a_file_lacks_are_noted(tmp_path, out, capsys):
+    rows = [f"a,t,{seed},{step},{step}" for seed in range(3) for step in (1000, 2000)]
+    file = tmp_path / "curves.csv"
+    file.write_text("\n".join(["method,task,seed,steps,return", *rows]))
+    asked = ("--table-columns", "method,median,s,published median")
+    where = ("--curves", str(file), "--out", str(out), "--format", "svg")
+    assert main(["report", *where, *asked]) == 0
+    note = (
+        "tables/final_returns.tex is without the columns s and published median, of which no row "
+        "has a value."
+    )
+    assert note in capsys.readouterr().out
+    assert note in (out / "index.html").read_text()
+
+
 def test_unknown_column_or_name_is_refused_before_anything_is_written(fabric, out, capsys):
     add_runs(fabric, seeds=1)
     assert report(fabric, out, "--table-columns", "mean") == 2

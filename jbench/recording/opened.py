@@ -19,7 +19,6 @@ from jbench.report.request import WINDOW, Request
 from jbench.settings.base import validated
 from jbench.settings.recorded import Run, flatten, parse_run
 from jbench.store import Results, query
-from jbench.store.final_returns import final_returns
 from jbench.store.shipped import results_to_read
 
 _RUN = [
@@ -99,9 +98,7 @@ class OpenedResults:
         finals = seeds.pivot(index=["source", "run"], columns="returns", values="final")
         finals = finals.reindex(columns=[*KINDS]).add_suffix("_return")
         runs = source.runs[_RUN].reset_index(drop=True).join(finals, on=["source", "run"])
-        at_end, _ = final_returns(self._results)
-        own = at_end.select(["run", "evaluation_return_at_end"]).to_pandas().set_index("run")
-        runs = runs.join(own, on="run")
+        runs = runs.join(source.at_end, on=["source", "run"])
         settings = _settings([parse_run(text) for text in source.runs["settings"]])
         return runs.join(settings.drop(columns=runs.columns, errors="ignore"))
 

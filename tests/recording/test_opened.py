@@ -27,12 +27,8 @@ def test_runs_have_final_returns_and_settings(shipped):
     ).set_index("run")["mean"]
     at_end = runs["evaluation_return_at_end"]
     assert np.allclose(at_end, last.loc[runs.index])
-    assert at_end.equals(
-        shipped.query("SELECT run, evaluation_return_at_end AS x FROM final_returns")
-        .set_index("run")["x"]
-        .loc[runs.index]
-        .rename("evaluation_return_at_end")
-    )
+    in_sql = shipped.query("SELECT run, evaluation_return_at_end AS x FROM final_returns")
+    assert np.allclose(at_end, in_sql.set_index("run")["x"].loc[runs.index])
     # Ten episodes in training, and 90 by `jbench evaluate`.
     last.update(0.1 * last + 0.9 * more)
     assert np.allclose(runs["evaluation_return"], last.loc[runs.index])

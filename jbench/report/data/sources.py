@@ -25,6 +25,7 @@ from jbench.settings.variants import value_text
 from jbench.statistics import BoolArray
 from jbench.store import Results, query, schema
 from jbench.store.evaluations import ADDED, with_added_episodes
+from jbench.store.shipped import results_to_read
 from jbench.wording import are, counted
 
 _RUNS = ("runs", "episodes", "evaluations", "paths")
@@ -54,6 +55,7 @@ class Source:
     problems: list[str]  # a sentence for each unreadable record
     tables: dict[str, pd.DataFrame]  # of encoders, policies, metrics; of others than results empty
     paths: pd.DataFrame  # see `run_paths`
+    at_end: pd.Series  # see `returns_at_end`
 
 
 def joined(parts: Sequence[Source]) -> Source:
@@ -65,6 +67,7 @@ def joined(parts: Sequence[Source]) -> Source:
         [problem for part in parts for problem in part.problems],
         parts[0].tables,
         pd.concat([part.paths for part in parts], ignore_index=True),
+        pd.concat([part.at_end for part in parts]),
     )
 
 
@@ -144,7 +147,7 @@ def side(text: str, results: Results, request: Request) -> Source:
     RequestError if it is neither, or no run has the settings and passes the filters.
     """
     directory = Path(text).is_dir()
-    read = _load(Results(Path(text)) if directory else results)
+    read = _load(results_to_read(text) if directory else results)
     source = _source(read, request, text, chosen="" if directory else text)
     if not source.configurations:
         reasons = " ".join(source.problems)
@@ -177,7 +180,23 @@ def _source(
     runs = runs.assign(source=name)
     built, more = build(runs, episodes, evaluations, name) if len(runs) else ([], [])
     _note_added_episodes(built, evaluations)
-    return Source(built, runs, notes + more, [*read.problems, *unusable], tables, paths)
+    at_end = returns_at_end(runs, evaluations)
+    return Source(built, runs, notes + more, [*read.problems, *unusable], tables, paths, at_end)
+
+
+def returns_at_end(runs: pd.DataFrame, evaluations: pa.Table) -> "pd.Series[float]":
+    """Returns, by source and run, the mean of its last evaluation without added episodes.
+
+    Of a run that diverged it is 0, as in the table `final_returns`.
+    """
+    own = evaluations.filter(pc.field("episode") < ADDED)
+    rows = own.select(["run", "evaluation", "episode_return"]).to_pandas(use_threads=False)
+    rows = rows.astype({"run": str})
+    last = rows.groupby("run")["evaluation"].transform("max")
+    ends = rows[(rows["evaluation"] == last) & np.isfinite(rows["episode_return"])]
+    returns = runs["run"].map(ends.groupby("run")["episode_return"].mean()).astype(float)
+    returns = returns.mask(runs["diverged"].notna(), 0.0).rename("evaluation_return_at_end")
+    return returns.set_axis(pd.MultiIndex.from_frame(runs[["source", "run"]]))
 
 
 def _note_added_episodes(built: Sequence[Configuration], evaluations: pa.Table) -> None:

@@ -100,7 +100,7 @@ def report(
     sides = [Path(side) for side in compare or () if Path(side).is_dir()]
     unread = len(sides) == 2 or curves is not None
     database = Results(results) if unread else parsing.results_to_read(results)
-    read = [Results(side) for side in sides] if unread else [database]
+    read = [parsing.results_to_read(side) for side in sides] if unread else [database]
     if watch and (json or curves):
         other = "--json" if json else "--curves"
         raise RequestError(f"--watch and {other} exclude each other; type one of them.")
@@ -161,11 +161,12 @@ SPARE = {
     "verdicts": ("corrected by", "difference"),
     "comparisons": ("returns", "probability"),
     "claims": ("remark", "by episodes alone", "seeds that would decide"),
-    "leaderboard": ("rank", "n", "steps"),
+    "leaderboard": ("rank", "steps", "n"),
 }
 """Columns of tables that a narrow terminal may leave out, the least important one first.
 
-Reports keep the seeds: without them, a number says more than it may.
+Tables keep the seeds longest: without them, a number says more than it may. The order of the rows
+shows ranks.
 """
 
 

@@ -1,12 +1,17 @@
-"""The shipped results database: reference runs and some trained policies."""
+"""Results directories as users name them, and the shipped one: reference runs and policies."""
 
+import os
 from collections.abc import Collection
 from functools import cache
 from pathlib import Path
+from typing import get_args
 
 from jbench.errors import RequestError
 from jbench.names import POLICY_FILES, REFERENCE, SHIPPED_RESULTS, is_reference
 from jbench.store.database import Results
+from jbench.store.manifest import MANIFEST, Kind
+
+_FOLDERS = [f"{kind}s" for kind in get_args(Kind)]
 
 LEFT_OUT = (
     "is left out of the installed package; a checkout of jbench's repository has it: type "
@@ -46,6 +51,7 @@ def results_to_read(place: Results | Path | str) -> Results:
     if is_reference(path):
         return shipped_results()
 
+    _refuse_inside(path)
     if not path.exists():
         raise RequestError(
             f"{place} does not exist; name another directory, such as {REFERENCE} (the results "
@@ -62,4 +68,21 @@ def results_to_write(path: Path) -> Results:
             f"{REFERENCE} names the results shipped with jbench, which are read-only; name another "
             "results directory."
         )
+
+    _refuse_inside(path)
     return Results(path)
+
+
+def _refuse_inside(path: Path) -> None:
+    """Raises a RequestError for a directory of records, which names the results directory."""
+    if not path.is_dir() or any((path / name).is_dir() for name in _FOLDERS):
+        return
+
+    # As typed: the results directory may be a link.
+    absolute = Path(os.path.abspath(path))
+    for up, folder in enumerate((absolute, *absolute.parents), 1):
+        if folder.name in _FOLDERS and any(path.rglob(MANIFEST)):
+            whole = os.path.normpath(path.joinpath(*[os.pardir] * up))
+            raise RequestError(
+                f"{path} is inside the results directory {whole}; type {whole} instead."
+            )

@@ -119,6 +119,7 @@ def test_empty_path_is_refused(arguments, typed, tmp_path, monkeypatch, refused)
         ("report", "--reference"),
         ("report", "--watch"),
         ("report", "--compare", "engine=sb3", "engine=batched"),
+        ("archive",),
     ],
 )
 def test_missing_results_directory_is_refused(arguments, tmp_path, refused):
@@ -126,6 +127,18 @@ def test_missing_results_directory_is_refused(arguments, tmp_path, refused):
     error = refused(*arguments, results=missing)
     assert error.startswith(f"Error: {missing} does not exist; name another directory, such")
     assert not missing.exists()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [("runs",), ("report",), ("verify",), ("archive",), ("query", "FROM runs"), ("doctor",)],
+)
+def test_directory_of_runs_is_refused(arguments, tmp_path, refused):
+    record = tmp_path / "runs" / "face_direction"
+    record.mkdir(parents=True)
+    (record / "manifest.json").touch()
+    error = refused(*arguments, results=tmp_path / "runs")
+    assert f"is inside the results directory {tmp_path}; type {tmp_path} instead." in error
 
 
 def test_query_of_published_curves_needs_no_results_and_is_cut(

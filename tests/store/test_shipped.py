@@ -1,5 +1,7 @@
 """Tests of the results directories that the Python API takes."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -8,9 +10,35 @@ from jbench.encoders import find_encoder, load_encoder
 from jbench.errors import RequestError
 from jbench.policies.saved import load_agent
 from jbench.store import Results
-from jbench.store.shipped import results_to_read, shipped
+from jbench.store.shipped import results_to_read, results_to_write, shipped
 
 RUN = "face_direction/ddpg/full/s03-b1e788f1"
+
+
+@pytest.mark.parametrize("inside", ["runs", "runs/face_direction", "encoders/"])
+def test_directory_inside_results_is_refused_with_what_to_type(inside, tmp_path, monkeypatch):
+    for record in ("runs/face_direction/s00-1f9a2c4e", "encoders/dae12/s00-1f9a2c4e"):
+        (tmp_path / "mine" / record).mkdir(parents=True)
+        (tmp_path / "mine" / record / "manifest.json").touch()
+
+    for working, typed, whole in (
+        (tmp_path, f"mine/{inside}", "mine"),
+        (tmp_path / "mine", inside, "."),
+        (tmp_path, f"{tmp_path}/mine/{inside}", f"{tmp_path}/mine"),
+    ):
+        monkeypatch.chdir(working)
+        for read in (results_to_read, results_to_write):
+            with pytest.raises(RequestError, match=f"results directory {whole}; type {whole} inst"):
+                read(Path(typed))
+
+
+def test_results_may_be_called_runs(tmp_path):
+    record = tmp_path / "runs" / "runs" / "face_direction"
+    record.mkdir(parents=True)
+    (record / "manifest.json").touch()
+    assert results_to_read(tmp_path / "runs").path == tmp_path / "runs"
+    (tmp_path / "runs" / "empty").mkdir()
+    assert results_to_write(tmp_path / "runs" / "empty").path.name == "empty"
 
 
 def test_results_are_given_as_object_path_or_text(tmp_path):

@@ -5,7 +5,9 @@ replay buffer of a million transitions. Training alternates with a checkpoint of
 each episode, the shortest interval possible. The first figure is the time of the checkpoints
 relative to that of the training. `jbench train` makes at most one checkpoint per minute and limits
 them to 2% of its time. The second part writes the checkpoints of a million control steps without
-training and prints the bytes written and how often each row of the replay buffer was written.
+training and prints the bytes written and how often each row of the replay buffer was written. The
+third part prints the bytes of a compact state, and the time in which replay buffers are computed
+again from random actions, of one seed and of ten together.
 """
 
 import argparse
@@ -29,6 +31,7 @@ from jbench.task_specs import EPISODE_STEPS
 from jbench.training.checkpoints import save
 from jbench.training.engines import make_trainer
 from jbench.training.log import RunLog
+from jbench.wording import counted
 
 SEEDS = 5
 TRAINED = 100  # control steps between DDPG's updates
@@ -138,17 +141,45 @@ def volume(algo: str, control_steps: int) -> None:
         print(f"{algo:5} each row of the replay buffer is written {times:.2f} times")
 
 
+def compact(algo: str, repeated: int) -> None:
+    """Prints the size of a compact state, and the processor time of its rows for each step."""
+    for seeds in (1, 10):
+        runs = [settings_of(algo, seed) for seed in range(seeds)]
+        shape = repeated, seeds, 1, 1
+        actions = np.random.default_rng(0).uniform(-1, 1, shape).astype(np.float32)
+        with make_trainer(runs, [None] * seeds, "cpu") as engine:
+            assert isinstance(engine, OffPolicyEngine)
+            before = [torch.zeros(1, 0, 18)] * seeds
+            clock = time.process_time()
+            engine.repeat(0, before, 0, actions)
+            seconds = (time.process_time() - clock) / (repeated * seeds)
+            state = sum(tensor.nbytes for tensor in engine.state(0).tensors.values())
+        print(
+            f"{algo:5} {counted(seeds, 'seed')}: a million control steps of a seed are computed "
+            f"again in {1e6 * seconds:.0f} s of a processor",
+            flush=True,
+        )
+    print(
+        f"{algo:5} a compact state is {state / 1e6:.1f} MB and {actions[0, 0].nbytes} bytes for "
+        "each control step"
+    )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--algos", default=",".join(ALGORITHMS))
     parser.add_argument("--rounds", type=int, default=7)
     parser.add_argument("--steps", type=int, default=MILLION, help="in a full replay buffer")
+    parser.add_argument("--repeated", type=int, default=2000, help="steps computed again")
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     algos = arguments.algos.split(",")
     for algo in algos:
         print(f"{algo}: training and checkpoints in turn", file=sys.stderr, flush=True)
         cost(algo, arguments.rounds, arguments.steps)
+    for algo in algos:
+        if algo != "ppo":
+            compact(algo, arguments.repeated)
     for algo in ("ddpg", "ppo"):
         if algo in algos:
             print(f"{algo}: checkpoints of {arguments.steps:,} steps", file=sys.stderr, flush=True)

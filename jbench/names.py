@@ -115,6 +115,8 @@ question on other robots."""
 Status = Literal["unfinished", "finished", "failed"]
 STATUSES: tuple[Status, ...] = get_args(Status)
 
+KeepState = Literal["no", "whole", "compact"]  # compact: actions instead of the replay buffer
+
 Executor = Literal["local", "ray"]
 
 LoggerName = Literal["tensorboard", "wandb", "trackio"]

@@ -32,8 +32,14 @@ CASES = (
     ),
     Case(
         "checkpoint",
-        "--algos ddpg,ppo --rounds 1 --steps 3000",
-        ("ddpg  a checkpoint of a seed", "ddpg  3,000 control steps, 3 checkpoints", "is written"),
+        "--algos ddpg,ppo --rounds 1 --steps 3000 --repeated 20",
+        (
+            "ddpg  a checkpoint of a seed",
+            "ddpg  3,000 control steps, 3 checkpoints",
+            "is written",
+            "ddpg  10 seeds: a million control steps of a seed",
+            "ddpg  a compact state is .* and 4 bytes for each control step",
+        ),
     ),
     Case(
         "collect",

@@ -195,6 +195,11 @@ class Environments:
         self._begin_episodes()
         return ends
 
+    def skip(self, episodes: int) -> None:
+        """Leaves out this many episodes of each environment, of which no step is made."""
+        for _ in range(episodes):
+            self._begin_episodes()
+
     def truncate_unlike(self) -> StepResult | None:
         """Truncates the episodes that `restore` could not repeat, and begins others.
 

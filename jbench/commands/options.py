@@ -139,6 +139,12 @@ KEEP_STATE = Option(
     help="Keep the last checkpoint of finished runs, with the replay buffer, so that the same "
     "command with more --steps continues them.",
 )
+KEEP_COMPACT_STATE = Option(
+    False,
+    "--keep-compact-state",
+    help="Like --keep-state, with actions instead of the replay buffer, which is computed again "
+    "when a run is continued.",
+)
 ACCEPT_CHANGED_CODE = Option(
     False,
     "--accept-changed-code",

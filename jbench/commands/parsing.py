@@ -149,3 +149,14 @@ def _value(text: str) -> Any:
         with contextlib.suppress(ValueError):  # also of thousands of digits
             return json.loads(written)
     return text
+
+
+def kept_state(whole: bool, compact: bool) -> names.KeepState:
+    """Returns what is kept of finished runs' states; both is a RequestError."""
+    if whole and compact:
+        raise RequestError(
+            "A state is kept whole or compact: type --keep-state or --keep-compact-state, not both."
+        )
+    if compact:
+        return "compact"
+    return "whole" if whole else "no"

@@ -55,6 +55,7 @@ def train(
     device: str = options.DEVICE,
     checkpoint_every: float = options.CHECKPOINT_EVERY,
     keep_state: bool = options.KEEP_STATE,
+    keep_compact_state: bool = options.KEEP_COMPACT_STATE,
     accept_changed_code: bool = options.ACCEPT_CHANGED_CODE,
     log: names.LoggerName | None = options.LOG,
     dry_run: bool = options.DRY_RUN,
@@ -75,6 +76,7 @@ def train(
     if task == "all" or ("," in task and not task.startswith(GYM)):
         raise RequestError("jbench train trains one task; type jbench sweep FILE for several.")
 
+    keep = parsing.kept_state(keep_state, keep_compact_state)
     database = parsing.results_to_write(results)
     algo = algo.lower() if algo.lower() in ALGORITHMS else algo
     chosen["engine"] = choose_engine(algo, chosen["engine"])
@@ -96,7 +98,7 @@ def train(
     runs, notes = plan_runs(runs, database, accept_changed_code)
     if "evaluate_every" in free:
         runs = with_kept_evaluations(runs, database, *free)
-    training.check_runs(runs[:1], keep_state)
+    training.check_runs(runs[:1], keep)
     notes = [*training.note_encoder(encoder, runs[0]), *notes]
     cells = [_cell(runs, algo, settings, notes)]
     title = counted(len(runs), "run")
@@ -105,8 +107,7 @@ def train(
         output.document(training.show_status(title, cells, database, most, train_on, times=True))
         return
 
-    worker: dict[str, Any] = {"keep_state": keep_state, "final_episodes": final_episodes}
-    worker["checkpoint_every"] = checkpoint_every
+    worker = training.worker_options(keep, final_episodes, checkpoint_every)
     local = partial(Local, database, at_once, train_on, **worker)
     output.if_stopped(partial(training.kept, runs, database))
     failures = training.train_cells(
@@ -181,6 +182,7 @@ def sweep(
     device: str = options.DEVICE,
     checkpoint_every: float = options.CHECKPOINT_EVERY,
     keep_state: bool = options.KEEP_STATE,
+    keep_compact_state: bool = options.KEEP_COMPACT_STATE,
     accept_changed_code: bool = options.ACCEPT_CHANGED_CODE,
     final_episodes: int | None = options.FINAL_EPISODES,
     log: names.LoggerName | None = options.LOG,
@@ -212,8 +214,8 @@ def sweep(
     parts = only_some(parts, parsing.comma_separated(only))
     train_on = _device(executor, address, gpus_per_task, parts.values(), device)
     at_once = jobs or default_jobs(train_on)
-    worker: dict[str, Any] = {"keep_state": keep_state, "final_episodes": final_episodes}
-    worker["checkpoint_every"] = checkpoint_every
+    keep = parsing.kept_state(keep_state, keep_compact_state)
+    worker = training.worker_options(keep, final_episodes, checkpoint_every)
     local = partial(Local, database, at_once, train_on, **worker)
     cluster = partial(Ray, database, address, jobs, gpus_per_task, **worker)
     train = partial(
@@ -226,7 +228,7 @@ def sweep(
     )
     cells = matrix_cells(parts, database, accept_changed_code)
     output.if_stopped(lambda: training.kept(all_runs(cells), database))
-    training.check_runs([cell.runs[0] for cell in cells], keep_state)
+    training.check_runs([cell.runs[0] for cell in cells], keep)
     if until_decided:
         more = None if dry_run else train
         document, count = decide(matrix, parts, cells, claims or [], database, limit, more)

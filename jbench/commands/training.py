@@ -10,7 +10,7 @@ from jbench.commands import output
 from jbench.commands.training_view import TrainingView
 from jbench.errors import ElsewhereError, WorkError
 from jbench.loggers.logger import copying_rows, make_logger
-from jbench.names import EVALUATION_EPISODES
+from jbench.names import EVALUATION_EPISODES, KeepState
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.store.evaluations import added_returns
@@ -31,10 +31,21 @@ from jbench.training.status import (
 from jbench.wording import are, counted, duration, with_results
 
 
-def check_runs(runs: Sequence[RunSettings], keep_state: bool) -> None:
+def worker_options(
+    keep_state: KeepState, final_episodes: int | None, checkpoint_every: float
+) -> dict[str, Any]:
+    """Returns the options of `run_batch` that users type."""
+    return {
+        "keep_state": keep_state,
+        "final_episodes": final_episodes,
+        "checkpoint_every": checkpoint_every,
+    }
+
+
+def check_runs(runs: Sequence[RunSettings], keep_state: KeepState) -> None:
     """Checks that runs, one of each configuration, can be kept; warns of unexpected lengths."""
-    if keep_state:
-        check_state_can_be_kept(runs)
+    if keep_state != "no":
+        check_state_can_be_kept(runs, keep_state)
 
     sentences = []
     for run in runs:

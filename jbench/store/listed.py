@@ -4,7 +4,7 @@ import contextlib
 import hashlib
 import io
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,6 +30,14 @@ def write(directory: Path, name: str, content: bytes, **about: Any) -> FileEntry
     name = name.replace("*", sha256[:8])
     files.write_atomic(directory / name, content)
     return FileEntry(name=name, bytes=len(content), sha256=sha256, **about)
+
+
+def write_checkpoints(directory: Path, checkpoints: Mapping[str, bytes]) -> list[FileEntry]:
+    """Writes the content of each role to a file of its own; returns their entries."""
+    return [
+        write(directory, f"{Path(role).stem}-*{Path(role).suffix}", content, role=role)
+        for role, content in checkpoints.items()
+    ]
 
 
 def read(directory: Path, entry: FileEntry, advice: str = "") -> bytes:

@@ -212,9 +212,8 @@ class Record:
         """
         states = checkpoints or {}
         added = [self._write_rows(name, rows) for name, rows in tables.items() if rows.num_rows]
-        for role, content in states.items():  # the previous one stays intact until the commit
-            name = f"{Path(role).stem}-*{Path(role).suffix}"
-            added.append(listed.write(self.path, name, content, role=role))
+        # The previous ones stay intact until the commit.
+        added += listed.write_checkpoints(self.path, states)
 
         before = self.manifest.files
         dropped = {*states, *drop}
@@ -241,10 +240,12 @@ class Record:
         new_files: Mapping[str, bytes] | None = None,
         compact: bool = True,
         keep: Collection[str] = (),
+        checkpoints: Mapping[str, bytes] | None = None,
     ) -> None:
         """Marks the record as finished, adds files by name, and removes checkpoints not to keep.
 
-        If `compact`, each table is joined into one file, which must fit in memory.
+        If `compact`, each table is joined into one file, which must fit in memory. `keep` are roles
+        of checkpoints, and `checkpoints` are new ones by role.
         """
         before = self.manifest.files
         kept = [e for e in before if e.table is None and (e.role is None or e.role in keep)]
@@ -253,6 +254,7 @@ class Record:
             parts = [self._join(table) for table in dict.fromkeys(e.table or "" for e in parts)]
 
         added = [listed.write(self.path, *item) for item in (new_files or {}).items()]
+        added += listed.write_checkpoints(self.path, checkpoints or {})
         entries = (*kept, *parts, *added)
         self._update(status="finished", summary=dict(summary), files=entries)
         self.clean()

@@ -9,7 +9,7 @@ from typing import Any
 from jbench.devices import find_device
 from jbench.encoders import Encoder
 from jbench.errors import RequestError, WorkError, sentence_of_failure
-from jbench.names import CHECKPOINT_EVERY
+from jbench.names import CHECKPOINT_EVERY, KeepState
 from jbench.settings.engines import ENGINES
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
@@ -23,6 +23,7 @@ from jbench.training.evaluation import load_run_encoder
 from jbench.training.events import Event, Report, ignore
 from jbench.training.group import Member, TrainingGroup
 from jbench.training.log import RunLog
+from jbench.training.recomputed import RecomputedRows, noted
 from jbench.training.status import kept_runs, obstacle
 
 
@@ -33,7 +34,7 @@ def run_batch(
     encoders: Results | None = None,
     device: str = "auto",
     checkpoint_every: float = CHECKPOINT_EVERY,
-    keep_state: bool = False,
+    keep_state: KeepState = "no",
     until: int | None = None,
     final_episodes: int | None = None,
     report: Report = ignore,
@@ -51,7 +52,7 @@ def run_batch(
         encoders: where their encoders are; None for `results`.
         device: see `jbench.devices.find_device`.
         checkpoint_every: minimum seconds between two checkpoints; 0 for one after every episode.
-        keep_state: whether to keep the last checkpoint of each run when it finishes.
+        keep_state: what to keep of the last checkpoint of each run when it finishes.
         until: control step at the end of an episode, where training stops and the runs remain
             unfinished; None to finish them.
         final_episodes: see `jbench.training.evaluation.final_evaluation_episodes`.
@@ -73,12 +74,13 @@ def run_batch(
     # Runs of the same encoder share it, and may then encode all their observations at once.
     accepted = runs[0].accepted is not None
     load_encoder = cache(lambda id: load_run_encoder(id, encoders or results, accepted))
+    recomputed = RecomputedRows(runs, results, load_encoder, device, report)
     with contextlib.ExitStack() as locks:
         for run in runs:
             try:
                 encoder = load_encoder(run.encoder)
                 record = locks.enter_context(results.locked("run", run.id))
-                member = _begin(run, encoder, record, results, made_on, report)
+                member = _begin(run, encoder, record, results, made_on, recomputed, report)
             except (RequestError, WorkError) as error:
                 failures[run.id] = error
             else:
@@ -116,6 +118,7 @@ def _begin(
     record: Record | None,
     results: Results,
     made_on: Mapping[str, Any],
+    recomputed: RecomputedRows,
     report: Report,
 ) -> Member | None:
     """Returns a run to train, from its checkpoint or that of a shorter run; None if finished."""
@@ -130,9 +133,10 @@ def _begin(
         if checkpoint is None:
             continue
         position = checkpoint.position
+        rows = recomputed.take(run, source, checkpoint)
         try:
             log = RunLog(source, position)
-            copy = None if source is record else copied(checkpoint, source, run.id)
+            copy = None if source is record else copied(checkpoint, source, run.id, rows)
         except UnreadableError:
             raise  # the rows may be intact: keep them
         except WorkError as error:
@@ -151,13 +155,14 @@ def _begin(
             where["run"] = continues
         if run.accepted is not None:
             where["code"] = code_of(made_on)
+        where |= noted(rows)
         if changed := resumed.resume(where, made_on):
             refused.append(
                 f"Since it began, {describe_changes(changed)}: results may differ from those of "
                 "an uninterrupted run."
             )
         report(Event("resumed", run.id, " ".join(refused), steps, continues=continues))
-        return Member(run, encoder, resumed, log, checkpoint, steps)
+        return Member(run, encoder, resumed, log, checkpoint._replace(compact=None), steps)
     if record is not None or refused:
         if reason := obstacle(run, finished=False):
             refused.append(f"{reason[0].upper()}{reason[1:]}, so its runs can't be resumed.")

@@ -2,7 +2,8 @@
 
 The newest two are kept, and with `--keep-state` the last one after the end of the run. The replay
 buffer is stored in pieces: each checkpoint adds one with the new rows, and when there are 32 pieces
-they are rewritten as one.
+they are rewritten as one. A compact one, which a finished run keeps, has no pieces: actions are in
+the file of the checkpoint, which older versions refuse by its format.
 """
 
 import json
@@ -18,6 +19,7 @@ import torch
 from pydantic import BaseModel, ValidationError
 from torch import Tensor
 
+from jbench.agents.batched.replay import ReplayBuffer
 from jbench.agents.environments import SeedState
 from jbench.agents.trainer import Trainer
 from jbench.errors import WorkError
@@ -25,13 +27,16 @@ from jbench.settings.base import Settings
 from jbench.store import Record
 from jbench.store.files import UnreadableError
 from jbench.store.roles import CHECKPOINT, checkpoint_role
+from jbench.training.compact import CompactHeader, CompactReplay, compacted
 from jbench.training.log import Position, RunLog, rows_before
 
 FORMAT = 1
+COMPACT_FORMAT = 2
 
 _MAX_PIECES = 32  # of the replay buffer
 _PIECE = re.compile(r"replay-(\d+)-(\d+)\.safetensors")
 _ENVELOPE, _ROWS = "envelope", "rows"
+_COMPACT_ACTIONS, _COMPACT_ROWS = "compact/actions", "compact/rows"
 
 
 class _Envelope(BaseModel):
@@ -41,19 +46,22 @@ class _Envelope(BaseModel):
     run: str
     position: Position
     scalars: dict[str, Any]
+    compact: CompactHeader | None = None  # of that format, unless there is no replay buffer
 
 
 class Checkpoint(NamedTuple):
     """State of an agent and its robots from which a run resumes; `read_replay` reads the buffer.
 
     `replay_row` is the number after the last row in the replay buffer, 0 without one. If it is not
-    the newest checkpoint, the newer ones are damaged.
+    the newest checkpoint, the newer ones are damaged. A `compact` replay buffer has no rows to
+    read: they are computed again.
     """
 
     position: Position
     state: SeedState
     replay_row: int
     newest: bool
+    compact: CompactReplay | None = None
 
 
 class _Piece(NamedTuple):
@@ -104,14 +112,27 @@ def save(
     return checkpoint
 
 
+def compact_files(
+    checkpoint: Checkpoint, record: Record, replay: ReplayBuffer, index: int
+) -> dict[str, bytes]:
+    """Returns the files, by role, of the compact state of a run with an index in its trainer.
+
+    Nothing was added to the replay buffer since the checkpoint, and the rows are committed.
+    """
+    count = replay.environments
+    ends = record.read("episodes")["control_steps"].to_pylist()
+    compact = compacted(replay, index, sorted({steps // count for steps in ends}))
+    return _state_file(checkpoint._replace(compact=compact), record.id)
+
+
 def copied(
-    checkpoint: Checkpoint, record: Record, longer: str
+    checkpoint: Checkpoint, record: Record, longer: str, replay: Tensor | None = None
 ) -> tuple[dict[str, pa.Table], dict[str, bytes]]:
     """Returns rows by table and checkpoint files by role of a finished run, for a longer one.
 
-    The checkpoint is from `load`. The last evaluation of a finished run may have more episodes than
-    the others. Raises an UnreadableError if a file can't be read now, a WorkError if one is
-    damaged.
+    The checkpoint is from `load`, and `replay` are the rows of a compact one, computed again. The
+    last evaluation of a finished run may have more episodes than the others. Raises an
+    UnreadableError if a file can't be read now, a WorkError if one is damaged.
     """
     tables = rows_before(record, checkpoint.position)
     regular = pc.field("episode") < record.settings["evaluate_episodes"]
@@ -121,7 +142,10 @@ def copied(
         run = pa.repeat(longer, rows.num_rows)
         tables[name] = rows.set_column(column, rows.schema.field(column), run)
     files = {piece.role: record.read_file(piece.role) for piece in _pieces(record.roles())}
-    return tables, files | _state_file(checkpoint, longer)
+    if replay is not None:
+        piece = _Piece(checkpoint.replay_row - replay.shape[1], checkpoint.replay_row)
+        files[piece.role] = safetensors.torch.save({_ROWS: replay.contiguous()})
+    return tables, files | _state_file(checkpoint._replace(compact=None), longer)
 
 
 def newest(record: Record) -> set[str]:
@@ -138,12 +162,13 @@ def load(record: Record) -> tuple[Checkpoint | None, list[str]]:
         if match is None:
             continue
         try:
-            position, state = _read(record, role)
+            position, state, compact = _read(record, role)
             # Check the replay pieces now, while an older checkpoint can still be chosen.
             for piece in _pieces(record.roles()):
                 if piece.first < int(match[2]):
                     record.read_file(piece.role)
-            return Checkpoint(position, state, int(match[2]), not refused), refused
+            checkpoint = Checkpoint(position, state, int(match[2]), not refused, compact)
+            return checkpoint, refused
         except UnreadableError:
             raise
         except (WorkError, ValueError) as error:
@@ -165,27 +190,40 @@ def read_replay(record: Record, row: int) -> Tensor:
     return rows[:, : rows.shape[1] - (pieces[-1].end - row)] if pieces[-1].end > row else rows
 
 
-def _read(record: Record, role: str) -> tuple[Position, SeedState]:
+def _read(record: Record, role: str) -> tuple[Position, SeedState, CompactReplay | None]:
     """Reads a checkpoint; raises a WorkError if its file is damaged, a ValueError if another's."""
     tensors = _tensors(record, role)
     try:
         header = json.loads(bytes(tensors.pop(_ENVELOPE).numpy()))
-        if header["format"] != FORMAT:
-            raise ValueError(f"it has format {header['format']}, but this jbench reads {FORMAT}")
+        if header["format"] not in (FORMAT, COMPACT_FORMAT):
+            readable = f"{FORMAT} and {COMPACT_FORMAT}"
+            raise ValueError(f"it has format {header['format']}, but this jbench reads {readable}")
         envelope = _Envelope.model_validate(header)
     except (KeyError, TypeError, ValidationError) as error:
         raise ValueError(f"its header is invalid ({str(error).splitlines()[0]})") from None
     if envelope.run != record.id:
         raise ValueError(f"it belongs to {envelope.run}")
-    return envelope.position, SeedState(tensors, envelope.scalars)
+    compact = None
+    if envelope.compact is not None:
+        actions, rows = tensors.pop(_COMPACT_ACTIONS), tensors.pop(_COMPACT_ROWS)
+        compact = CompactReplay(envelope.compact, actions, rows)
+    return envelope.position, SeedState(tensors, envelope.scalars), compact
 
 
 def _state_file(checkpoint: Checkpoint, run: str) -> dict[str, bytes]:
     position, state = checkpoint.position, checkpoint.state
-    envelope = _Envelope(format=FORMAT, run=run, position=position, scalars=state.scalars)
-    header = torch.frombuffer(bytearray(envelope.model_dump_json().encode()), dtype=torch.uint8)
+    tensors = dict(state.tensors)
+    about: dict[str, Any] = {"format": FORMAT}
+    if (compact := checkpoint.compact) is not None:
+        about = {"format": COMPACT_FORMAT, "compact": compact.header}
+        tensors[_COMPACT_ACTIONS] = compact.actions
+        tensors[_COMPACT_ROWS] = compact.before
+    envelope = _Envelope(run=run, position=position, scalars=state.scalars, **about)
+    # Older versions refuse fields that they do not know.
+    printed = envelope.model_dump_json(exclude=None if compact else {"compact"})
+    tensors[_ENVELOPE] = torch.frombuffer(bytearray(printed.encode()), dtype=torch.uint8)
     role = checkpoint_role(position.control_steps, checkpoint.replay_row)
-    return {role: safetensors.torch.save({**state.tensors, _ENVELOPE: header})}
+    return {role: safetensors.torch.save(tensors)}
 
 
 def _tensors(record: Record, role: str) -> dict[str, Tensor]:

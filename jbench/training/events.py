@@ -19,8 +19,8 @@ class Event(NamedTuple):
         "finished",  # it and the next two are the last event of a run
         "failed",  # `text` is the reason, and `traceback` is empty if it says all
         "held",  # another process is training it; of a sweep, `runs` whose process is another one
-        "note",  # of a sweep, as all that follow: `text` is a sentence for the user
-        "warning",
+        "note",  # `text` is a sentence for the user, of a worker if there is a run
+        "warning",  # of a sweep, as all that follow: `text` is a sentence for the user
         "progress",  # `steps` of `total` are done of the work that `text` names, in `unit`
         "training",  # of `runs` begins
         "started",  # a process that trains `runs`

@@ -10,6 +10,7 @@ from jbench.agents.engine import DivergedError
 from jbench.agents.environments import Ends
 from jbench.encoders import Encoder
 from jbench.errors import WorkError
+from jbench.names import KeepState
 from jbench.policies.saved import SavedNetwork
 from jbench.settings.engines import ENGINES
 from jbench.settings.run import RunSettings
@@ -17,7 +18,8 @@ from jbench.store import Record
 from jbench.tasks.task import EpisodeError
 from jbench.timing import part
 from jbench.training import evaluation
-from jbench.training.checkpoints import Checkpoint, newest, read_replay, save
+from jbench.training.checkpoints import Checkpoint, compact_files, newest, read_replay, save
+from jbench.training.compact import reason_for_whole_state
 from jbench.training.engines import make_trainer
 from jbench.training.events import Event, Report
 from jbench.training.log import Clock, RunLog
@@ -58,7 +60,7 @@ class TrainingGroup:
         sharing: int,
         final_episodes: int | None,
         report: Report,
-        keep_state: bool,
+        keep_state: KeepState,
     ) -> None:
         """Makes or restores the engine; `sharing` runs, also at other steps, share the process."""
         self._members, self._sharing, self._report = members, sharing, report
@@ -101,7 +103,7 @@ class TrainingGroup:
             self._evaluate()
         if steps == self._until:
             return False
-        is_last = self._keep_state and self._engine.has_made(self._settings.steps)
+        is_last = self._keep_state != "no" and self._engine.has_made(self._settings.steps)
         if is_last or (ends is not None and self._clock.is_commit_due()):
             self._save()
         return True
@@ -217,11 +219,27 @@ class TrainingGroup:
             is_same = member.evaluated is not None and facts.copies_round_alike
             summary = member.log.summary(steps, evaluated=is_same)
             policy = member.evaluated or self._engine.policy(index)
+            compact = self._compact_files(index, member)
+            whole = self._keep_state != "no" and not compact
             member.record.finish(
                 {**summary, "together": self._sharing},
                 {} if policy is None else policy.files(),
-                keep=newest(member.record) if self._keep_state else (),
+                keep=newest(member.record) if whole else (),
+                checkpoints=compact,
             )
+
+    def _compact_files(self, index: int, member: Member) -> dict[str, bytes]:
+        """Returns the files of a compact state, by role, if it is asked for and can be kept."""
+        replay, checkpoint = self._engine.replay, member.checkpoint
+        if self._keep_state != "compact" or replay is None or checkpoint is None:
+            return {}
+        if (reason := reason_for_whole_state(member.record)) is not None:
+            sentence = (
+                f"The state of {member.settings.id} is kept with its replay buffer: {reason}."
+            )
+            self._report(Event("note", member.settings.id, sentence))
+            return {}
+        return compact_files(checkpoint, member.record, replay, index)
 
     def _fail_diverged(self, *, weights: bool = False) -> None:
         """Fails the runs whose agents have diverged; checking the weights too takes longer."""

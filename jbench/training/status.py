@@ -11,10 +11,11 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Literal, NamedTuple
 
-from jbench.agents.algorithms import find_class
+from jbench.agents.algorithms import find_class, hyperparameters
 from jbench.agents.plugin import Agent, is_resumable
 from jbench.errors import RequestError, WorkError
-from jbench.names import EVALUATION_EPISODES, evaluation_interval
+from jbench.names import EVALUATION_EPISODES, KeepState, evaluation_interval
+from jbench.settings.algorithms import OffPolicySettings
 from jbench.settings.recorded import read_run
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
@@ -201,10 +202,11 @@ def new_beginnings(runs: Iterable[RunSettings], results: Results) -> Iterator[st
         yield f"{what} of {steps:,} control steps: {why}."
 
 
-def check_state_can_be_kept(runs: Iterable[RunSettings]) -> None:
+def check_state_can_be_kept(runs: Iterable[RunSettings], keep: KeepState = "whole") -> None:
     """Raises a RequestError if no longer run could continue one of these runs."""
+    option = "--keep-compact-state" if keep == "compact" else "--keep-state"
     for run in runs:
-        why, hint = obstacle(run), "leave --keep-state out"
+        why, hint = obstacle(run), f"leave {option} out"
         episodes = run.episode_steps * run.environments  # control steps from one end to the next
         is_between = run.last_step % episodes == 0
         if why is None and not is_between and not find_task(run.task).has_state_within_episode:
@@ -216,6 +218,25 @@ def check_state_can_be_kept(runs: Iterable[RunSettings]) -> None:
             hint = f"type --steps {-(-run.steps // enough) * enough}, or {hint}"
         if why is not None:
             raise RequestError(f"A finished run of {run.algo} can't be continued: {why}; {hint}.")
+        if keep == "compact" and (why := _compact_obstacle(run)) is not None:
+            raise RequestError(
+                f"A run of {run.algo} has no compact state: {why}; type --keep-state."
+            )
+
+
+def _compact_obstacle(run: RunSettings) -> str | None:
+    """Returns why the replay buffer of a run can't follow from its actions; None if it can."""
+    settings, task = hyperparameters(run), find_task(run.task)
+    if not isinstance(settings, OffPolicySettings):
+        return None  # it has no replay buffer of jbench's
+    if not task.repeats():
+        return f"{run.task} makes other episodes of the same seed and actions"
+    if task.ends_early and run.environments > 1 and run.last_step > settings.buffer_size:
+        return (
+            "its replay buffer forgets the beginnings of episodes, which end early in several "
+            "environments"
+        )
+    return None
 
 
 def obstacle(run: RunSettings, finished: bool = True) -> str | None:

@@ -60,6 +60,7 @@ def _ended(run: "RunSettings", results: "Results", failure: Exception | None) ->
     from jbench.errors import RequestError, WorkError, sentence_of_failure
     from jbench.store.code import ChangedCodeError
     from jbench.store.locks import HeldError
+    from jbench.training.compact import OtherRowsError
     from jbench.training.events import Event
     from jbench.training.status import record_failure, run_status
 
@@ -69,7 +70,7 @@ def _ended(run: "RunSettings", results: "Results", failure: Exception | None) ->
     if isinstance(failure, HeldError):
         return Event("held", run.id)
     reason = sentence_of_failure(failure)
-    if not isinstance(failure, ChangedCodeError):  # the run itself has not failed
+    if not isinstance(failure, ChangedCodeError | OtherRowsError):  # the run itself has not failed
         record_failure(run, results, reason)
     # A sentence of jbench needs no traceback, but that of its cause.
     error = failure.__cause__ if isinstance(failure, RequestError | WorkError) else failure

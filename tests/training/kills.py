@@ -109,7 +109,7 @@ class Killer:
         path = self._path / folder
         self.steps.append([])
         if self._shorter:
-            assert self._end(self._fork(path, runs=self._shorter, keep_state=True)) == 0
+            assert self._end(self._fork(path, runs=self._shorter, keep_state="whole")) == 0
         while True:
             if self._at == "writes":
                 process = self._fork(path, self.kills * self._every + 1)
@@ -128,7 +128,7 @@ class Killer:
             findings = verify(results, 1).findings
             self.problems += [str(finding) for finding in findings if finding.sort == "damaged"]
 
-    def _fork(self, path, write_point=None, runs=None, keep_state=False):
+    def _fork(self, path, write_point=None, runs=None, keep_state="no"):
         process = os.fork()
         if process:
             return process

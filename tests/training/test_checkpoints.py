@@ -158,7 +158,7 @@ def test_run_resumes_where_all_its_files_are_intact(stopped, prefix, number, cha
             {"run": "face_direction/td3/full/s09-00000000"},
             "it belongs to face_direction/td3/full/s09",
         ),
-        ({"format": 99}, "it has format 99, but this jbench reads 1"),
+        ({"format": 99}, "it has format 99, but this jbench reads 1 and 2"),
         ({"scalars": 3}, "its header is invalid"),
     ],
 )

@@ -25,7 +25,7 @@ pytestmark = pytest.mark.usefixtures("short_episodes")
 
 SHORT, LONG = 300, 500
 
-train = functools.partial(train_batch, keep_state=True)
+train = functools.partial(train_batch, keep_state="whole")
 
 
 def outcome(path, run):
@@ -67,7 +67,7 @@ def test_run_recorded_with_older_default_evaluations_is_found_by_the_same_comman
 )
 def test_continued_run_equals_run_trained_at_once(algo, short, changes, tmp_path):
     first, whole = lengths(algo, short, LONG, **changes)
-    train(tmp_path / "once", [whole], keep_state=False)
+    train(tmp_path / "once", [whole], keep_state="no")
     train(tmp_path / "twice", [first])
     before = outcome(tmp_path / "twice", first)
     ((_, steps, sentence, continues),) = train(tmp_path / "twice", [whole])
@@ -75,7 +75,7 @@ def test_continued_run_equals_run_trained_at_once(algo, short, changes, tmp_path
     assert (sentence, continues) == ("", first.id)
     assert outcome(tmp_path / "twice", whole) == outcome(tmp_path / "once", whole)
     # The shorter run is unchanged, and equals one without a kept state.
-    train(tmp_path / "once", [first], keep_state=False)
+    train(tmp_path / "once", [first], keep_state="no")
     assert outcome(tmp_path / "twice", first) == before == outcome(tmp_path / "once", first)
     assert verify(Results(tmp_path / "twice"), 1).findings == []
 
@@ -86,8 +86,8 @@ def test_seeds_continue_from_where_each_of_them_ended(tmp_path):
     runs = [settings("ddpg", seed, steps=LONG) for seed in (1, 2, 3)]
     for run, steps in zip(runs, (280, 350), strict=False):
         train(tmp_path / "twice", [run.model_copy(update={"steps": steps})])
-    train(tmp_path / "once", runs, keep_state=False)
-    notices = train(tmp_path / "twice", runs, keep_state=False)
+    train(tmp_path / "once", runs, keep_state="no")
+    notices = train(tmp_path / "twice", runs, keep_state="no")
     assert [notice[:2] for notice in notices] == [(1, 280), (2, 350)]
     for run in runs:
         assert outcome(tmp_path / "twice", run) == outcome(tmp_path / "once", run)
@@ -99,7 +99,7 @@ def test_run_continues_longest_intact_state_with_same_settings(tmp_path):
     (other,) = lengths("ddpg", 400, evaluate_every=100)
     train(tmp_path, [shortest])
     train(tmp_path, [short])
-    train(tmp_path, [middle], keep_state=False)
+    train(tmp_path, [middle], keep_state="no")
     train(tmp_path, [other])
     results = Results(tmp_path)
     assert run_status(whole, results).steps_left == LONG - 200
@@ -167,7 +167,7 @@ def test_evaluation_after_last_updates_is_the_longer_final_one(tmp_path):
 def test_state_is_no_difference_between_merged_results(tmp_path):
     (run,) = lengths("td3", 100)
     train(tmp_path / "with", [run])
-    train(tmp_path / "without", [run], keep_state=False)
+    train(tmp_path / "without", [run], keep_state="no")
     for name, source in (("with", "without"), ("without", "with")):
         (merged,) = merge.merge(Results(tmp_path / name), [Results(tmp_path / source)])
         assert merged.outcome == "same"
@@ -178,7 +178,7 @@ def test_new_beginning_is_explained_in_one_sentence(tmp_path):
     short = [settings("ddpg", seed, steps=100) for seed in (1, 2)]
     whole = [run.model_copy(update={"steps": 200}) for run in short]
     assert list(new_beginnings(whole, results)) == []
-    train(tmp_path, short, keep_state=False)
+    train(tmp_path, short, keep_state="no")
     assert list(new_beginnings(whole, results)) == [
         "2 runs train from the beginning, not from the end of finished runs of 100 control steps: "
         "the state was not kept, as --keep-state does."

@@ -62,6 +62,28 @@ class OffPolicyEngine(BatchedEngine[OffPolicyLearner[Any]]):
         """The replay buffers of all seeds."""
         return self._replay
 
+    def repeat(
+        self, episodes: int, before: Sequence[Tensor], row: int, actions: NDArray[np.float32]
+    ) -> None:
+        """Fills the replay buffers of a new engine with what actions of earlier training made.
+
+        Args:
+            episodes: number of episodes of each environment that are left out.
+            before: of each seed, rows (environments, rows, width) before number `row`.
+            row: number of the first row of the next episode.
+            actions: (steps, seeds, environments, action_size) of the agents, from there on.
+        """
+        environments = self.environments
+        environments.skip(episodes)
+        for seed, rows in enumerate(before):
+            self.replay.restore(seed, rows, row)
+        self.replay.begin(environments.observations)
+        for step, made in enumerate(actions, start=1):
+            observations = environments.observations
+            self._store(observations, made, environments.step(made))
+            if step % self._rollout_steps == 0:
+                self.replay.flush()
+
     def _explore(self, observations: Tensor) -> NDArray[np.floating]:
         settings, shape = self._settings, self._noise.previous.shape[1:]
         generators = self.environments.generators

@@ -81,6 +81,9 @@ class PairBuffer(ReplayBuffer):
         following = rows[:, :, 1::2, -1]
         self._is_terminal[seeds][:, :, places] = following.numpy() == 1
 
+    def _clear_unused(self, rows: Tensor, has_action: Tensor) -> None:
+        """Leaves rows as they are: `add` sets unused columns to 0."""
+
     def _span(self, transitions: int) -> int:
         """Returns the number of rows of this many consecutive transitions."""
         return 2 * transitions

@@ -81,6 +81,11 @@ class ReplayBuffer:
         self._new = torch.zeros(*shape, pending, width, dtype=dtype)
         self.row = self._flushed = 0
 
+    @property
+    def environments(self) -> int:
+        """Number of environments of each seed."""
+        return self._environments
+
     def begin(self, observations: Tensor) -> None:
         """Starts episodes with observations (seeds, environments, size)."""
         self._current_row[..., : self._size].copy_(observations)
@@ -115,6 +120,11 @@ class ReplayBuffer:
         self._flushed = self.row
 
     @property
+    def action_columns(self) -> slice:
+        """The columns of rows that have the action."""
+        return slice(self._size, -1)
+
+    @property
     def oldest(self) -> int:
         """Number of the oldest row that has not expired."""
         return max(0, self.row - self._ring + 1)
@@ -146,11 +156,24 @@ class ReplayBuffer:
         return self._rows[seeds.start : seeds.stop].flatten(0, 2)
 
     def rows_since(self, seed: int, first: int = 0) -> Tensor:
-        """Returns a copy of a seed's unexpired rows from number `first` on, but the current one."""
+        """Returns a copy of a seed's unexpired rows from number `first` on, but the current one.
+
+        They are (environments, rows, width), with 0 in unused columns.
+        """
         self.flush()
-        first = max(first, self.oldest)
-        indices = torch.arange(first, self.row, device=self._rows.device) % self._ring
-        return self._rows[seed].index_select(1, indices).cpu()
+        numbers = torch.arange(max(first, self.oldest), self.row)
+        indices = (numbers % self._ring).to(self._rows.device)
+        rows = self._rows[seed].index_select(1, indices).cpu()
+        self._clear_unused(rows, self.has_action(numbers))
+        return rows
+
+    def has_action(self, numbers: Tensor) -> Tensor:
+        """Returns of which of these numbers of rows the row has an action and its reward."""
+        return numbers % (self._episode_steps + 1) != self._episode_steps
+
+    def row_of(self, transition: int) -> int:
+        """Returns the number of the row of a transition, counted from the start of training."""
+        return transition + transition // self._episode_steps
 
     def restore(self, seed: int, rows: Tensor, row: int) -> None:
         """Restores the rows (environments, rows, width) before number `row`; then call `begin`."""
@@ -170,6 +193,10 @@ class ReplayBuffer:
             length = min(count - done, self._ring - start)
             self._rows[seeds, :, start : start + length] = rows[:, :, done : done + length]
             done += length
+
+    def _clear_unused(self, rows: Tensor, has_action: Tensor) -> None:
+        """Sets unused columns of rows (environments, rows, width), which are arbitrary, to 0."""
+        rows[:, ~has_action, self._size :] = 0
 
     def _span(self, transitions: int) -> int:
         """Returns the maximum number of rows of this many consecutive transitions."""

@@ -1,0 +1,96 @@
+"""The replay buffers of compact states that the runs of a batch continue."""
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
+
+from torch import Tensor
+
+from jbench.encoders import Encoder
+from jbench.settings.recorded import read_run
+from jbench.settings.run import RunSettings
+from jbench.store import Record, Results
+from jbench.training.checkpoints import Checkpoint, load
+from jbench.training.compact import (
+    RECOMPUTED,
+    CompactReplay,
+    can_share,
+    computed_again,
+    other_rows,
+)
+from jbench.training.events import Event, Report
+from jbench.training.status import kept_runs
+from jbench.wording import counted
+
+
+class _Kept(NamedTuple):
+    record: Record
+    replay: CompactReplay
+
+
+class RecomputedRows:
+    """Rows of replay buffers, computed again when they are first asked for.
+
+    Those of all new runs of a batch are computed together, since their robots are stepped together.
+    """
+
+    def __init__(
+        self,
+        runs: Sequence[RunSettings],
+        results: Results,
+        load_encoder: Callable[[str | None], Encoder | None],
+        device: str,
+        report: Report,
+    ) -> None:
+        """Computes nothing yet."""
+        self._runs, self._results = runs, results
+        self._load_encoder, self._device, self._report = load_encoder, device, report
+        self._rows: dict[str, Tensor | None] = {}
+
+    def take(self, run: RunSettings, source: Record, checkpoint: Checkpoint) -> Tensor | None:
+        """Returns the rows (environments, rows, width) of a finished run that `run` continues.
+
+        None if its state is not compact. Raises an OtherRowsError if they are not those of the run.
+        """
+        if (replay := checkpoint.compact) is None:
+            return None
+        if source.id not in self._rows:
+            self._compute(run, [_Kept(source, replay), *self._others(source, replay)])
+        rows = self._rows.pop(source.id)
+        if rows is None:
+            raise other_rows(source)
+        return rows
+
+    def _others(self, source: Record, replay: CompactReplay) -> Iterator[_Kept]:
+        """Yields the states of other new runs that can be computed beside the one of `source`."""
+        for run in self._runs:
+            if self._results.find("run", run.id) is not None:
+                continue
+            for record in kept_runs(run, self._results)[:1]:
+                checkpoint, _ = load(record)
+                if record.id == source.id or checkpoint is None or checkpoint.compact is None:
+                    continue
+                if can_share(checkpoint.compact, replay):
+                    yield _Kept(record, checkpoint.compact)
+
+    def _compute(self, run: RunSettings, kept: Sequence[_Kept]) -> None:
+        steps = len(kept[0].replay.actions) * run.environments
+        sentence = (
+            f"The replay buffers of {counted(len(kept), 'run')} are computed again from "
+            f"{steps:,} actions each."
+        )
+        self._report(Event("note", run.id, sentence))
+        runs = [read_run(each.record.settings) for each in kept]
+        sources = [each for each in runs if isinstance(each, RunSettings)]
+        rows = computed_again(
+            sources,
+            [self._load_encoder(each.encoder) for each in sources],
+            [each.replay for each in kept],
+            self._device,
+        )
+        ids = (each.record.id for each in kept)
+        self._rows |= dict(zip(ids, rows, strict=True))
+
+
+def noted(rows: Tensor | None) -> dict[str, int]:
+    """Returns what a record notes of rows that were computed again, where it is continued."""
+    return {} if rows is None else {RECOMPUTED: rows.shape[1]}

@@ -36,7 +36,7 @@ from jbench.store import Results
 from jbench.task_specs import EPISODE_STEPS, PHYSICS_STEPS
 from jbench.tasks.jitterbug import features, geometry, model, resets, rewards
 from jbench.tasks.jitterbug.robots import load_model
-from jbench.tasks.jitterbug.worlds import Robots
+from jbench.tasks.jitterbug.simulation import Robots
 
 TASK = "move_from_origin"
 BARE_EPISODES = 8  # on each thread, in one measurement

@@ -60,7 +60,7 @@ class Robots:
 
         Args:
             task: which targets to draw and what to reward.
-            seeds: of the generators, as `JitterbugEnv.reset` takes them.
+            seeds: of the generators, as `RobotEnv.reset` takes them.
             coarse: physics steps to make into one.
         """
         self.task = task

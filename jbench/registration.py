@@ -17,7 +17,7 @@ def environment_id(task: str, augmented: bool = False) -> str:
     """
     if has_specs(task):
         id = f"jbench/{_gymnasium_name(task)}-v0"
-        _register(id, "jbench.tasks.dm_gym:SuiteEnv", {"task": task})
+        _register(id, {"task": task})
         return id
     domain = "AugmentedJitterbug" if augmented else "Jitterbug"
     return f"{domain}/{task.title().replace('_', '')}-v0"
@@ -31,13 +31,20 @@ def _gymnasium_name(task: str) -> str:
     return f"{name}-{zlib.crc32(task.encode()):08x}"
 
 
-def _register(id: str, entry_point: str, kwargs: dict[str, Any], **more: Any) -> None:
+def _register(id: str, kwargs: dict[str, Any], reward_threshold: float | None = None) -> None:
     """Registers an environment, unless its id is taken."""
     # Imported here, since jbench registers as soon as Gymnasium is imported.
     from gymnasium.envs.registration import register, registry
 
     if id not in registry:
-        register(id, entry_point, kwargs=kwargs, max_episode_steps=EPISODE_STEPS, **more)
+        register(
+            id,
+            "jbench.tasks.gym:RobotEnv",
+            vector_entry_point="jbench.tasks.vector:RobotVectorEnv",
+            kwargs=kwargs,
+            max_episode_steps=EPISODE_STEPS,
+            reward_threshold=reward_threshold,
+        )
 
 
 def register_environments() -> None:
@@ -45,12 +52,7 @@ def register_environments() -> None:
     for task in SUITE_TASKS:
         environment_id(task)
 
-    more: dict[str, Any] = {
-        "vector_entry_point": "jbench.tasks.vector:JitterbugVectorEnv",
-        "reward_threshold": SOLVED_RETURN,
-    }
     for task in TASKS:
-        for augmented, robot in ((False, {}), (True, {"augment": 0})):
-            id = environment_id(task, augmented)
-            kwargs = {"task": task, **robot}
-            _register(id, "jbench.tasks.gym:JitterbugEnv", kwargs, **more)
+        _register(environment_id(task), {"task": task}, SOLVED_RETURN)
+        augmented = {"task": task, "augment": 0}
+        _register(environment_id(task, augmented=True), augmented, SOLVED_RETURN)

@@ -56,9 +56,9 @@ GALLERY = (
 def whole_return(clip: Clip) -> float:
     """Returns the return of the whole episode."""
     from jbench.task_specs import EPISODE_STEPS
-    from jbench.tasks.gym import JitterbugEnv
+    from jbench.tasks.gym import RobotEnv
 
-    env, policy = JitterbugEnv(clip.task), _policy(clip)
+    env, policy = RobotEnv(clip.task), _policy(clip)
     (observation, _), total = env.reset(seed=clip.seed), 0.0
     policy.reset(1)
     for _ in range(EPISODE_STEPS):

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from jbench.agents.environments import Ends, Environments, StepResult
 from jbench.tasks.find import find_task
-from jbench.tasks.task import EndingWorlds
+from jbench.tasks.worlds import EndingWorlds
 
 
 def make_environments(

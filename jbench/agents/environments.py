@@ -12,7 +12,7 @@ from torch import Tensor
 
 from jbench.encoders import Encoder, action_signs
 from jbench.tasks.find import find_task
-from jbench.tasks.task import EpisodeError, Worlds
+from jbench.tasks.worlds import EpisodeError, Worlds
 
 Augment = Callable[[int], int | None]
 """Maps an episode, counted from 0, to the seed of its augmented robot; None is the plain robot."""

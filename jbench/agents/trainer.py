@@ -11,7 +11,7 @@ from jbench.agents.batched.replay import ReplayBuffer
 from jbench.agents.engine import AfterStep, DivergedError
 from jbench.agents.environments import Ends, SeedState
 from jbench.policies.saved import SavedNetwork
-from jbench.tasks.task import EpisodeError
+from jbench.tasks.worlds import EpisodeError
 
 
 class Trainer(Protocol):

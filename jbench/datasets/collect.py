@@ -24,8 +24,9 @@ from jbench.tasks.find import check_specs, code_provenance, episode_provenance, 
 from jbench.tasks.jitterbug import resets
 from jbench.tasks.jitterbug.geometry import State
 from jbench.tasks.jitterbug.robots import load_model
-from jbench.tasks.jitterbug.worlds import Robots
-from jbench.tasks.task import EpisodeError, episode_generator
+from jbench.tasks.jitterbug.simulation import Robots
+from jbench.tasks.task import episode_generator
+from jbench.tasks.worlds import EpisodeError
 
 _PART_EPISODES = 10  # per file and commit
 _REPORT_SECONDS = 0.5  # between two reports of progress

@@ -13,7 +13,8 @@ from jbench.store import Record
 from jbench.tasks.dm import DmTask
 from jbench.tasks.dm_worlds import DmWorlds
 from jbench.tasks.find import check_specs, find_task
-from jbench.tasks.task import EpisodeError, episode_generator
+from jbench.tasks.task import episode_generator
+from jbench.tasks.worlds import EpisodeError
 
 _PART_STEPS = 10_000  # control steps per file and commit
 

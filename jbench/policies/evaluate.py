@@ -13,7 +13,8 @@ from jbench.store import Record, Results, schema
 from jbench.store.code import is_known
 from jbench.store.planned import Planned, planned
 from jbench.tasks.find import code_provenance, find_task
-from jbench.tasks.task import Act, Worlds, episode_generator, rollout
+from jbench.tasks.task import Act, episode_generator, rollout
+from jbench.tasks.worlds import Worlds
 
 # Robots stepped together: enough for the threads, and few enough for little memory.
 _TOGETHER = 50

@@ -14,9 +14,8 @@ from PIL import Image, ImageDraw, ImageFont
 
 from jbench.policies.find import ActingPolicy
 from jbench.task_specs import CONTROL_TIMESTEP
-from jbench.tasks.dm_gym import SuiteEnv
 from jbench.tasks.find import find_task
-from jbench.tasks.gym import JitterbugEnv, make_environment
+from jbench.tasks.gym import RobotEnv
 from jbench.tasks.jitterbug.features import padded
 
 Picture = NDArray[np.uint8]  # (height, width, 3), red, green and blue in [0, 255]
@@ -44,15 +43,21 @@ class Scene:
         """Simulated seconds in a control step."""
         return find_task(self.task).control_timestep or CONTROL_TIMESTEP
 
-    def environment(self, render_mode: str | None = "rgb_array") -> JitterbugEnv | SuiteEnv:
+    def environment(self, render_mode: str | None = "rgb_array") -> RobotEnv:
         """Returns an environment that draws pictures, or with None, does not.
 
         Raises a RequestError if the robot has no such camera or, of another package, no physics.
         """
-        size = self.width, self.height
-        env = make_environment(self.task, render_mode, self.camera, *size, self.augment)
-        if isinstance(env, JitterbugEnv):
-            env.model.vis.quality.shadowsize = _SHADOW_TEXELS
+        env = RobotEnv(
+            self.task,
+            render_mode,
+            self.camera,
+            self.width,
+            self.height,
+            self.augment,
+        )
+        quality = env.model.vis.quality
+        quality.shadowsize = min(quality.shadowsize, _SHADOW_TEXELS)
         return env
 
 

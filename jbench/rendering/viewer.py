@@ -10,10 +10,8 @@ from jbench.errors import RequestError
 from jbench.opengl import open_display
 from jbench.policies.find import ActingPolicy
 from jbench.rendering.episode import Scene
-from jbench.tasks.dm import DmTask
-from jbench.tasks.dm_gym import SuiteEnv
 from jbench.tasks.find import find_task
-from jbench.tasks.gym import JitterbugEnv
+from jbench.tasks.gym import RobotEnv
 
 # Initial camera position relative to the robot.
 _DISTANCE = 2.25  # extents of the model; of the Jitterbug 0.45 m
@@ -29,7 +27,7 @@ def view(policy: ActingPolicy, scene: Scene) -> int:
     another model in each episode, or none.
     """
     task = find_task(scene.task)
-    if isinstance(task, DmTask) and not task.reseeds:
+    if not task.has_one_model:
         raise RequestError(
             f"{scene.task} is made again for each episode, and a window shows one model; give its "
             "task a RandomState `random`, or type jbench render."
@@ -68,7 +66,7 @@ def view(policy: ActingPolicy, scene: Scene) -> int:
     return steps
 
 
-def _open_window(env: JitterbugEnv | SuiteEnv) -> Any:
+def _open_window(env: RobotEnv) -> Any:
     """Opens MuJoCo's viewer, or raises a RequestError without a display."""
     # An error would end the viewer's thread, for which the viewer would wait forever.
     if not open_display():

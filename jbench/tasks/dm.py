@@ -16,7 +16,8 @@ from jbench.sources import checksum
 from jbench.tasks.dm_worlds import DmWorlds, EnvironmentTask, close
 from jbench.tasks.gym_adapter import GymAdapter
 from jbench.tasks.robot_checksum import model_hash, robot_checksum
-from jbench.tasks.task import Worlds, rollout
+from jbench.tasks.task import rollout
+from jbench.tasks.worlds import Worlds
 
 Make = Callable[[int], Any]  # returns a new environment with this seed
 
@@ -113,9 +114,21 @@ class DmTask(EnvironmentTask):
         else:
             environment.task.random.seed(seed)
 
-    def worlds(self, count: int, threads: int = 1, augment: int | None = None) -> DmWorlds:
+    @property
+    def has_one_model(self) -> bool:  # type: ignore[override]
+        """Whether all episodes of a world have the same model of MuJoCo."""
+        return self.reseeds
+
+    def worlds(
+        self,
+        count: int,
+        threads: int = 1,
+        augment: int | None = None,
+        *,
+        vary_masses: bool = False,
+    ) -> DmWorlds:
         """Returns new worlds; see `Task.worlds`. They are stepped in the caller's thread."""
-        if augment is not None:
+        if augment is not None or vary_masses:
             raise self._refusal("it has no augmented robots; leave them out")
         return DmWorlds(self, count)
 

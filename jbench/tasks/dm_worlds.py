@@ -14,7 +14,8 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from jbench.errors import WorkError, sentence_of_failure
-from jbench.tasks.task import EndingWorlds, EpisodeError, Task, WorldsState
+from jbench.tasks.task import Task
+from jbench.tasks.worlds import Chosen, EndingWorlds, EpisodeError, Physics, WorldsState
 
 _ROUNDING = 1e-6  # by which rewards may exceed [0, 1]
 
@@ -70,8 +71,14 @@ class DmWorlds(EndingWorlds):
         """Begins an episode in each world with a seed of 32 bits from its generator."""
         return self.begin(range(len(generators)), generators)
 
-    def begin(self, worlds: Sequence[int], generators: Sequence[Generator]) -> NDArray[np.float32]:
-        """See `EndingWorlds.begin`; an episode has a seed of 32 bits from its generator."""
+    def begin(
+        self,
+        worlds: Sequence[int],
+        generators: Sequence[Generator],
+        chosen: Chosen | None = None,
+    ) -> NDArray[np.float32]:
+        """See `Worlds.begin`; an episode has a seed of 32 bits from its generator."""
+        self.has_begun = True
         self._observations = self._observations.copy()
         for world, generator in zip(worlds, generators, strict=True):
             self._begin(world, int(generator.integers(2**32)))
@@ -125,6 +132,7 @@ class DmWorlds(EndingWorlds):
         seeds = state["seeds"].tolist()
         for row, world in enumerate(range(rows.start, rows.stop)):
             self._begin(world, seeds[row])
+            self.has_begun = True
             if "commands" not in state:
                 continue
             elapsed = int(state["elapsed"][row])
@@ -138,6 +146,15 @@ class DmWorlds(EndingWorlds):
                 self.elapsed[world] = elapsed
                 self._observations[world] = observed
         return self._observations
+
+    def physics(self, world: int) -> Physics | None:
+        """Returns the model and data of an environment that has a MuJoCo physics."""
+        physics = getattr(self.environments[world], "physics", None)
+        return None if physics is None else Physics(_raw(physics.model), _raw(physics.data))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Returns how a copy is made, which has no episode before its first reset."""
+        return DmWorlds, (self._task, len(self.environments))
 
     def _is_over(self, world: int) -> bool:
         """Returns whether a world is not stepped until its next episode."""
@@ -222,6 +239,11 @@ class DmWorlds(EndingWorlds):
 
 class _FlawError(ValueError):
     """What an environment returned is not as in `Task` and `Worlds`."""
+
+
+def _raw(wrapped: Any) -> Any:
+    """Returns MuJoCo's own object, which dm_control wraps and Gymnasium does not."""
+    return getattr(wrapped, "ptr", wrapped)
 
 
 def close(environment: Any) -> None:

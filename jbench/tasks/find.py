@@ -1,5 +1,6 @@
 """Tasks by name: the Jitterbug's, those of dm_control's suite, and those of other packages."""
 
+import copyreg
 import importlib.util
 import inspect
 import logging
@@ -65,6 +66,14 @@ def find_task(name: str) -> Task:
         return _made_by(name, factory, source_files(points[name].module))
 
     raise unknown_task(name)
+
+
+def _copied(task: DmTask) -> Any:
+    """Returns how a task is copied: by its name, since what makes environments can't be copied."""
+    return find_task, (task.name,)
+
+
+copyreg.pickle(DmTask, _copied)
 
 
 @lru_cache(maxsize=64)

@@ -1,6 +1,8 @@
 """Pictures of MuJoCo models, of whichever robot."""
 
 import os
+from collections.abc import Collection
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
@@ -9,8 +11,111 @@ from numpy.typing import NDArray
 
 from jbench import opengl
 from jbench.errors import RequestError
+from jbench.names import in_prose
+from jbench.tasks.task import Task
+from jbench.tasks.worlds import Physics, Worlds
+
+FREE = "free"
+"""Name of the camera that sees the whole model, which every robot has."""
 
 FREE_CAMERA = -1
+"""Number of that camera."""
+
+
+@dataclass(frozen=True)
+class View:
+    """How an environment is drawn.
+
+    Attributes:
+        mode: such as "rgb_array", or None for no pictures.
+        camera: name of a camera of the model, or "free"; None for the task's, or the model's
+            first, or the free one.
+        width, height: of a picture, in pixels, at least 1.
+    """
+
+    mode: str | None = None
+    camera: str | None = None
+    width: int = 640
+    height: int = 480
+
+
+class Pictures:
+    """Draws the worlds of an environment, from the first call of `draw` on."""
+
+    def __init__(self, task: Task, worlds: Worlds, view: View, modes: Collection[str]) -> None:
+        """Finds the camera; RequestError if the mode is none of `modes`, or there is no such view.
+
+        The worlds are those of the task.
+        """
+        if view.mode not in (None, *modes):
+            raise RequestError(f"render_mode {view.mode!r} is not one of {in_prose(modes)}.")
+
+        sides = (view.width, view.height)
+        if not all(isinstance(side, int | np.integer) and side > 0 for side in sides):
+            raise RequestError(
+                "width and height must be whole numbers of pixels of at least 1, not "
+                f"{view.width!r} and {view.height!r}."
+            )
+
+        self._task = task
+        self._worlds = worlds
+        self._view = view
+        self._camera = FREE_CAMERA
+        self._artists = dict[int, Artist]()
+        if view.mode is not None or view.camera is not None:
+            self._camera = self._find_camera(view.camera or task.default_camera)
+
+    def physics(self, world: int) -> Physics:
+        """Returns MuJoCo's model and data of a world; a RequestError if it has none."""
+        physics = self._worlds.physics(world)
+        if physics is None:
+            raise RequestError(f"{self._task.name} has no MuJoCo physics to draw.")
+        return physics
+
+    def draw(self, world: int) -> NDArray[np.uint8] | None:
+        """Returns a picture (height, width, 3), or shows it in mode "human"; see `Artist.draw`."""
+        view = self._view
+        if view.mode is None:
+            return None
+
+        # Worlds that share their data share what draws it.
+        model, data = self.physics(world)
+        artist = self._artists.get(id(data))
+        if artist is None:
+            artist = Artist(model, data, self._camera, view.width, view.height)
+            self._artists[id(data)] = artist
+        return artist.draw(view.mode)
+
+    def begin(self) -> None:
+        """Frees what draws the last episode, if the next one may have another model or terrain."""
+        if not self._artists:
+            return
+        if not self._task.has_one_model or self.physics(0).model.nhfield:
+            self.close()
+
+    def close(self) -> None:
+        """Closes windows and frees renderers; the next picture makes them again."""
+        for artist in self._artists.values():
+            artist.close()
+        self._artists.clear()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Returns what is copied: all but what draws."""
+        return {**vars(self), "_artists": {}}
+
+    def _find_camera(self, name: str | None) -> int:
+        """Returns the number of a camera; None is the model's first, or the free one."""
+        model = self.physics(0).model
+        cameras = [model.camera(number).name for number in range(model.ncam)]
+        if name is None:
+            return 0 if cameras else FREE_CAMERA
+        if name in cameras:
+            return cameras.index(name)
+        if name == FREE:
+            return FREE_CAMERA
+        raise RequestError(
+            f"{self._task.name} has no camera {name}; it has {in_prose([*cameras, FREE])}."
+        )
 
 
 class Artist:

@@ -5,15 +5,14 @@ Also rollouts of a policy in several worlds, and the path of a robot in an episo
 
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from jbench.errors import WorkError
 from jbench.settings.records import Specs
+from jbench.tasks.worlds import Worlds
 
 Act = Callable[[NDArray[np.float32]], NDArray[np.floating]]
 """Returns actions (worlds, action_size) for observations (worlds, dim(O))."""
@@ -21,134 +20,6 @@ Act = Callable[[NDArray[np.float32]], NDArray[np.floating]]
 PATH_EVERY = 20
 """Control steps between two points of a path: 0.2 s, in which the hand-written policies move up to
 6 cm, the distance between two feet. A whole episode has 51 points."""
-
-WorldsState = dict[str, NDArray[Any]]
-"""What restores some worlds: arrays by name, each with a row per world."""
-
-
-class EpisodeError(WorkError):
-    """An episode that can't go on: its environment raised an error, or returned no finite numbers.
-
-    The same seed and actions make the same error, so repeating the work is of no use.
-    """
-
-    def __init__(self, task: str, seed: int, step: int, reason: str) -> None:
-        """Names the seed of the episode, and its control step, 0 before the first action."""
-        self.summary = {"episode_failed": {"task": task, "seed": seed, "step": step}}
-        self._arguments = task, seed, step, reason
-        super().__init__(
-            f"jbench can't use the task {task}: at control step {step} of the episode with seed "
-            f"{seed}, {reason}."
-        )
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Makes it again in another process, from its arguments."""
-        return EpisodeError, self._arguments
-
-
-class Worlds(AbstractContextManager["Worlds"]):
-    """Robots of one task in separate worlds, stepped together; `reset` begins their episodes.
-
-    A world's numbers depend neither on the other worlds nor on the number of threads. Use it as a
-    context manager: it may hold threads.
-
-    Attributes:
-        episode_steps: control steps of an episode.
-        failures: errors of the episodes that can't go on, by world. Such a world is no longer
-            stepped: it has its last observation and rewards of 0.
-    """
-
-    episode_steps: int
-    failures: dict[int, EpisodeError]
-
-    def check(self) -> None:
-        """Raises the error of the first world that failed, if there is one."""
-        for error in self.failures.values():
-            raise error
-
-    def __exit__(self, *_: object) -> None:
-        """Closes the worlds."""
-        self.close()
-
-    def close(self) -> None:
-        """Releases what the worlds hold: nothing by default, since threads end with the object."""
-
-    @abstractmethod
-    def reset(
-        self, generators: Sequence[Generator], yaw: float | None = None
-    ) -> NDArray[np.float32]:
-        """Begins an episode in each world and returns the observations (worlds, size).
-
-        All random numbers of a world are drawn from its generator, which others may share. `yaw`
-        (rad) is that of all targets, if the task records states; None for drawn ones.
-        """
-
-    @abstractmethod
-    def step(
-        self, actions: NDArray[np.floating]
-    ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-        """Applies actions (worlds, action_size), clipped to [-1, 1], for one control step.
-
-        Returns the observations (worlds, size), a new array, and the rewards (worlds,).
-        """
-
-    def are_over(self) -> bool:
-        """Returns whether the episodes of all worlds have ended before `episode_steps`."""
-        return False
-
-    def lengths(self) -> NDArray[np.int64] | int:
-        """Returns the control steps of the episodes that have ended, (worlds,) if they differ."""
-        return self.episode_steps
-
-    @abstractmethod
-    def state(self, rows: slice) -> WorldsState:
-        """Returns what `restore` needs of some worlds; within an episode, it may be a WorkError."""
-
-    @abstractmethod
-    def restore(self, rows: slice, state: WorldsState) -> NDArray[np.float32]:
-        """Restores what `state` returned; returns the observations (worlds, size) of all worlds."""
-
-    def points(self) -> NDArray[np.float32] | None:
-        """Returns x, y (m) and heading (rad) of each robot (worlds, 3), if the task has them."""
-        return None
-
-    def targets(self) -> dict[str, NDArray[np.float64]]:
-        """Returns the random numbers of the targets by name, each (worlds,)."""
-        return {}
-
-    def whole_targets(self) -> dict[str, NDArray[np.float64]]:
-        """Returns x, y (m) and yaw (rad) of the targets by name, also those that are not drawn."""
-        return {}
-
-    def robot_columns(self) -> dict[str, NDArray[np.float32]]:
-        """Returns the columns of `policy_states` on the robots, each (worlds,), if any."""
-        return {}
-
-
-class EndingWorlds(Worlds):
-    """Worlds whose episodes end on their own, each at its own control step.
-
-    A world whose episode has ended is not stepped until the next one begins: it has its last
-    observation and rewards of 0.
-
-    Attributes:
-        elapsed: (worlds,) control steps of the current episodes.
-        terminated: (worlds,) whether nothing follows the last state of an episode.
-        truncated: (worlds,) whether an episode has ended, but its last state was not terminal.
-        unlike: worlds whose episodes `restore` could not repeat with the same observation.
-    """
-
-    elapsed: NDArray[np.int64]
-    terminated: NDArray[np.bool_]
-    truncated: NDArray[np.bool_]
-    unlike: set[int]
-
-    @abstractmethod
-    def begin(self, worlds: Sequence[int], generators: Sequence[Generator]) -> NDArray[np.float32]:
-        """Begins an episode in some worlds, each with its generator; see `reset`.
-
-        Returns the observations (worlds, size) of all worlds.
-        """
 
 
 class HandWritten(Protocol):
@@ -185,6 +56,7 @@ class Task(Protocol):
         has_planar_reduction: whether it moves on a floor, and its heading frame is known to the
             kinds of encoders that are called planar.
         records_states: whether an evaluation can record states and choose targets.
+        has_one_model: whether all episodes of a world have the same model of MuJoCo.
     """
 
     name: str
@@ -205,6 +77,7 @@ class Task(Protocol):
     has_state_within_episode: bool = False
     has_planar_reduction: bool = False
     records_states: bool = False
+    has_one_model: bool = False
 
     def hand_written(self) -> HandWritten | None:
         """Returns a new hand-written policy, if there is one."""
@@ -249,11 +122,22 @@ class Task(Protocol):
         return [f"action_{i}" for i in range(self.action_size)]
 
     @abstractmethod
-    def worlds(self, count: int, threads: int = 1, augment: int | None = None) -> Worlds:
+    def worlds(
+        self,
+        count: int,
+        threads: int = 1,
+        augment: int | None = None,
+        *,
+        vary_masses: bool = False,
+    ) -> Worlds:
         """Returns new worlds, before their first episode, stepped by `threads` with the caller's.
 
-        A task may have augmented robots, which have a seed.
+        A task may have augmented robots, which have a seed, and whose masses may vary as well.
         """
+
+    def world(self, augment: int | None = None, *, vary_masses: bool = False) -> Worlds:
+        """Returns one world, whose `physics` its owner may read and change between two steps."""
+        return self.worlds(1, augment=augment, vary_masses=vary_masses)
 
 
 def episode_generator(seed: int, episode: int) -> Generator:

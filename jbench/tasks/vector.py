@@ -1,6 +1,7 @@
-"""The tasks as a Gymnasium vector environment, on robots that several threads step together.
+"""Every task as a Gymnasium vector environment, on robots that are stepped together.
 
-gymnasium.make_vec("Jitterbug/FaceDirection-v0", num_envs=64)
+gymnasium.make_vec("jbench:Jitterbug/FaceDirection-v0", num_envs=64)
+gymnasium.make_vec("jbench:jbench/dmc-cheetah-run-v0", num_envs=64)
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,19 +15,18 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from jbench import task_specs
 from jbench.cores import cores
 from jbench.errors import RequestError
 from jbench.names import in_prose
-from jbench.tasks.gym import JitterbugEnv, outcome
-from jbench.tasks.jitterbug import resets
-from jbench.tasks.jitterbug.geometry import State, Target
-from jbench.tasks.jitterbug.worlds import Robots
+from jbench.tasks.find import find_task
+from jbench.tasks.gym import frame_rate, spaces
+from jbench.tasks.pictures import Pictures, View
+from jbench.tasks.worlds import Chosen
 
 Infos = dict[str, Any]
 
 
-class JitterbugVectorEnv(
+class RobotVectorEnv(
     gymnasium.vector.VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]
 ):
     """Many environments of one task, stepped together.
@@ -36,7 +36,6 @@ class JitterbugVectorEnv(
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - declared as in Gymnasium
-        **JitterbugEnv.metadata,
         "render_modes": ["rgb_array"],
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
@@ -48,29 +47,32 @@ class JitterbugVectorEnv(
         max_episode_steps: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         threads: int | None = None,
-        **settings: Any,
+        *,
+        render_mode: str | None = None,
+        augment: int | None = None,
+        vary_masses: bool = False,
+        **view: Any,
     ) -> None:
         """Initializes the environments.
 
         Args:
-            max_episode_steps: control steps after which an episode is truncated, 1000 by default;
-                -1 for never.
+            task: see `jbench.tasks.find.find_task`.
+            num_envs: number of environments.
+            max_episode_steps: control steps after which an episode is truncated, those of the task
+                by default; -1 for never, if the task itself never does.
             autoreset_mode: when a finished episode is followed by the next, as in `SyncVectorEnv`.
-            threads: threads that step the robots, all cores by default; results are the same.
-            settings: of every environment, see `JitterbugEnv`.
+            threads: threads that step the Jitterbug, all cores by default; results are the same.
+                Robots of other packages are stepped in the caller's.
+            render_mode: "rgb_array", or None for no pictures.
+            augment, vary_masses: of the robot, see `RobotEnv`.
+            view: camera, width and height, see `RobotEnv`.
 
         Raises:
             ValueError: if an argument is wrong.
         """
         self.closed = True  # gymnasium < 1.4 closes what is deleted, also if it was never made
-        modes = self.metadata["render_modes"]
-        if settings.get("render_mode") not in (None, *modes):
-            raise RequestError(
-                f"render_mode {settings['render_mode']!r} is not one of {in_prose(modes)}; "
-                "gymnasium.make has more."
-            )
-
-        limit = task_specs.EPISODE_STEPS if max_episode_steps is None else max_episode_steps
+        robot_task = find_task(task)
+        limit = robot_task.episode_steps if max_episode_steps is None else max_episode_steps
         threads = cores() if threads is None else threads
         numbers = (num_envs, limit, threads)
         whole = all(isinstance(number, int | np.integer) for number in numbers)
@@ -80,23 +82,25 @@ class JitterbugVectorEnv(
                 f"{in_prose(map(str, numbers), 'and')}."
             )
 
-        # Never stepped: it has the model and the spaces, and draws.
-        self._single = JitterbugEnv(task, **settings)
         self.num_envs = num_envs
-        self.render_mode = self._single.render_mode
-        self.single_observation_space = self._single.observation_space
-        self.single_action_space = self._single.action_space
+        self.render_mode = render_mode
+        self.single_observation_space, self.single_action_space = spaces(robot_task)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._mode = AutoresetMode(autoreset_mode)
-        self.metadata = {**self.metadata, "autoreset_mode": self._mode}
-        self._task = task
+        self.metadata = {
+            **self.metadata,
+            **frame_rate(robot_task),
+            "autoreset_mode": self._mode,
+        }
+        self._worlds = robot_task.worlds(num_envs, threads, augment, vary_masses=vary_masses)
+        modes = self.metadata["render_modes"]
+        self._pictures = Pictures(robot_task, self._worlds, View(render_mode, **view), modes)
         self._limit = np.inf if limit == -1 else limit
-        self._robots = Robots(self._single.model, num_envs, threads)
         self._random = [seeding.np_random() for _ in range(num_envs)]
-        self._targets = Target(np.zeros((num_envs, 3)), np.zeros(num_envs))
         self._elapsed = np.zeros(num_envs, np.int64)
-        self._started = self.closed = False
+        self._ended = np.zeros(num_envs, np.bool_)
+        self.closed = False
 
     @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
@@ -118,9 +122,9 @@ class JitterbugVectorEnv(
 
         Args:
             seed: of the first environment, the next ones counting up; or a seed for each.
-            options: {"target": numbers} chooses the target of all environments (n,), or of each
-                (num_envs, n), see `JitterbugEnv.reset`; {"reset_mask": mask} (num_envs,) selects
-                the environments to reset.
+            options: {"reset_mask": mask} (num_envs,) selects the environments to reset. Of the
+                Jitterbug, {"target": numbers} chooses the target of all environments (n,), or of
+                each (num_envs, n), see `RobotEnv.reset`.
 
         Raises:
             RequestError: if an option does not exist or its value is wrong; a ValueError.
@@ -132,10 +136,10 @@ class JitterbugVectorEnv(
             raise RequestError(
                 f"reset_mask is an array of {self.num_envs} booleans, at least one of them True."
             )
-        if partial is not None and not self._started:
+        if partial is not None and not self._worlds.has_begun:
             raise ResetNeeded("Call reset without reset_mask first.")
 
-        chosen = resets.option_target(self._task, given, self.num_envs)
+        chosen = self._worlds.read_options(given)
         count = self.num_envs
         if isinstance(seed, (int, np.integer)):
             seed = [int(seed) + index for index in range(count)]
@@ -148,26 +152,66 @@ class JitterbugVectorEnv(
             if seeds[index] is not None:
                 self._random[index] = seeding.np_random(seeds[index])
 
-        state = self._restart(mask, chosen)
-        observations, _, info = outcome(self._task, state, self._targets)
-        self._started = True
-        return observations, _infos(info, mask)
+        observations = self._begin(mask, chosen)
+        return observations, _infos(self._worlds.info(), mask)
 
     def step(
         self, actions: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], NDArray[Any], NDArray[Any], NDArray[Any], Infos]:
-        """Applies the actions (num_envs, 1) for one control step of 0.01 s.
+        """Applies the actions (num_envs, action_size) for one control step.
 
         Raises:
             RequestError: if the actions are not numbers of that shape; a ValueError.
         """
+        commands = self._commands(actions)
+        restarted = self._ended & (self._mode is AutoresetMode.NEXT_STEP)
+        observations, rewards = self._worlds.step(commands)
+        self._elapsed += 1
+        if restarted.any():
+            observations = self._begin(restarted)
+            rewards[restarted] = 0
+
+        self._worlds.check()
+        terminations = self._worlds.terminated.copy()
+        truncations = self._worlds.truncated | (self._elapsed >= self._limit)
+        ended = self._ended = terminations | truncations
+        infos: Infos = {}
+        if self._mode is AutoresetMode.SAME_STEP and ended.any():
+            final = np.full(self.num_envs, None, object)
+            for index in np.flatnonzero(ended):
+                final[index] = observations[index].copy()
+
+            infos = {"final_obs": final, "final_info": _infos(self._worlds.info(), ended)}
+            for key in list(infos):
+                infos[f"_{key}"] = ended.copy()
+            observations = self._begin(ended)
+
+        every = np.ones(self.num_envs, np.bool_)
+        infos |= _infos(self._worlds.info(), every)
+        return observations.copy(), rewards, terminations, truncations, infos
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """Returns an image (height, width, 3) for each environment in mode "rgb_array"."""
+        if self.render_mode is None:
+            return None
+        drawn = (self._pictures.draw(world) for world in range(self.num_envs))
+        return tuple(picture for picture in drawn if picture is not None)
+
+    def close_extras(self, **_: Any) -> None:
+        """Frees what draws, and closes the worlds."""
+        self._pictures.close()
+        self._worlds.close()
+
+    def _commands(self, actions: Any) -> NDArray[np.float64]:
+        """Returns actions as numbers (num_envs, action_size), if a step is possible now."""
         if self.closed:
             raise ClosedEnvironmentError("The environments are closed: make new ones.")
-        if not self._started:
+        if not self._worlds.has_begun:
             raise ResetNeeded("Call reset before step.")
         if self._mode is AutoresetMode.DISABLED and self._ended.any():
             raise ResetNeeded(
-                'Episodes have ended: call reset(options={"reset_mask": truncations}) before step.'
+                "Episodes have ended: call reset with the options "
+                '{"reset_mask": terminations | truncations} before step.'
             )
 
         try:
@@ -175,63 +219,22 @@ class JitterbugVectorEnv(
         except (TypeError, ValueError):
             commands = np.empty(0)
 
-        if commands.shape != (self.num_envs, 1):
-            shape = f"({self.num_envs}, 1)"
-            raise RequestError(f"actions must be numbers of shape {shape}, not {actions!r}.")
+        if commands.shape != self.action_space.shape:
+            raise RequestError(
+                f"actions must be numbers of shape {self.action_space.shape}, not {actions!r}."
+            )
+        return commands
 
-        restarted = self._ended & (self._mode is AutoresetMode.NEXT_STEP)
-        state = self._robots.step(commands[:, 0])
-        self._elapsed += 1
-        if restarted.any():
-            state = self._restart(restarted)
-
-        observations, rewards, info = outcome(self._task, state, self._targets)
-        rewards[restarted] = 0
-        truncations = self._ended
-        infos: Infos = {}
-        if self._mode is AutoresetMode.SAME_STEP and truncations.any():
-            final = np.full(self.num_envs, None, object)
-            for index in np.flatnonzero(truncations):
-                final[index] = observations[index].copy()
-            infos = {"final_obs": final, "final_info": _infos(info, truncations)}
-            for key in list(infos):
-                infos[f"_{key}"] = truncations.copy()
-            state = self._restart(truncations)
-            observations, _, info = outcome(self._task, state, self._targets)
-
-        every = np.ones(self.num_envs, np.bool_)
-        return observations, rewards, ~every, truncations, infos | _infos(info, every)
-
-    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """Returns an image (height, width, 3) for each environment in mode "rgb_array"."""
-        if self.render_mode is None:
-            return None
-        pictures = []
-        for index, target in enumerate(zip(*self._targets, strict=True)):
-            self._robots.load(index, self._single.data)
-            self._single.show_target(Target(*target))
-            pictures.append(self._single.render())
-        return tuple(pictures)
-
-    def close_extras(self, **_: Any) -> None:
-        """Closes the renderer; the threads end with the object."""
-        self._single.close()
-
-    @property
-    def _ended(self) -> NDArray[np.bool_]:
-        """Whether each episode (n,) has reached its limit of control steps."""
-        ended: NDArray[np.bool_] = self._elapsed >= self._limit
-        return ended
-
-    def _restart(self, mask: NDArray[np.bool_], chosen: Target | None = None) -> State:
-        """Starts an episode in some environments; returns the state of all."""
-        generators = [self._random[index][0] for index in np.flatnonzero(mask)]
-        quaternions, targets = resets.draw_starts(self._task, generators)
-        if chosen is not None:
-            targets = Target(chosen.position[mask], chosen.yaw[mask])
-        self._targets.position[mask], self._targets.yaw[mask] = targets
+    def _begin(self, mask: NDArray[np.bool_], chosen: Chosen | None = None) -> NDArray[np.float32]:
+        """Begins an episode in some environments; returns the observations of all."""
+        indices = np.flatnonzero(mask).tolist()
+        generators = [self._random[index][0] for index in indices]
+        observations = self._worlds.begin(indices, generators, chosen)
+        self._worlds.check()
+        self._pictures.begin()
         self._elapsed[mask] = 0
-        return self._robots.reset(quaternions, mask)
+        self._ended = self._ended & ~mask
+        return observations.copy()
 
 
 def _infos(info: Mapping[str, NDArray[Any]], mask: NDArray[np.bool_]) -> Infos:

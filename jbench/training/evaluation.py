@@ -16,15 +16,8 @@ from jbench.settings.records import ExternalSettings
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.tasks.find import find_task
-from jbench.tasks.task import (
-    PATH_EVERY,
-    Act,
-    EpisodeError,
-    Path,
-    Worlds,
-    episode_generator,
-    rollout,
-)
+from jbench.tasks.task import PATH_EVERY, Act, Path, episode_generator, rollout
+from jbench.tasks.worlds import EpisodeError, Worlds
 
 FINAL_EPISODES = 100
 """Episodes of the last evaluation, with which runs are compared. Ten are enough for a curve, but

@@ -15,7 +15,7 @@ from jbench.policies.saved import SavedNetwork
 from jbench.settings.engines import ENGINES
 from jbench.settings.run import RunSettings
 from jbench.store import Record
-from jbench.tasks.task import EpisodeError
+from jbench.tasks.worlds import EpisodeError
 from jbench.timing import part
 from jbench.training import evaluation
 from jbench.training.checkpoints import Checkpoint, compact_files, newest, read_replay, save

@@ -16,7 +16,7 @@ from jbench.agents.environments import Ends, SeedState
 from jbench.encoders import Encoder, on_observations
 from jbench.policies.saved import SavedNetwork
 from jbench.settings.run import RunSettings
-from jbench.tasks.task import EpisodeError
+from jbench.tasks.worlds import EpisodeError
 from jbench.training.evaluation import make_env
 
 

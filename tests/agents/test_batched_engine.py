@@ -19,7 +19,7 @@ from jbench.errors import RequestError, WorkError
 from jbench.policies.saved import SavedNetwork
 from jbench.settings.algorithms import ALGORITHMS, SETTINGS, algorithm_settings
 from jbench.settings.records import OFESettings
-from jbench.tasks.gym import JitterbugEnv
+from jbench.tasks.gym import RobotEnv
 from tests.training.small_runs import TanhEncoder
 
 LENGTH = 20  # control steps of an episode
@@ -222,7 +222,7 @@ def test_restored_engine_continues_bit_for_bit(algo, options, stop):
 def test_environments_equal_gymnasium_environment():
     actions = np.random.default_rng(0).uniform(-1, 1, (2 * LENGTH + 1, 2, 2, 1))
     robots = (None, 3, 4)  # of each episode
-    plain = [[JitterbugEnv("move_to_pose", augment=robot) for _ in range(4)] for robot in robots]
+    plain = [[RobotEnv("move_to_pose", augment=robot) for _ in range(4)] for robot in robots]
     same = [generator for seed in (3, 4) for generator in Generators(seed, 2).environments]
     for envs in plain:
         for env, generator in zip(envs, same, strict=True):
@@ -264,7 +264,7 @@ def test_loaded_policy_equals_agent_bit_for_bit(algo, ofe):
 def test_update_counts_equal_stable_baselines3(algo, steps, starts):
     changes = {"learning_starts": starts, "hidden_layers": [4]}
     settings = build_settings(algo, **changes)
-    env = DummyVecEnv([lambda: JitterbugEnv("face_direction")])
+    env = DummyVecEnv([lambda: RobotEnv("face_direction")])
     agent = sb3.build(algo, settings, env, 0)
     agent.learn(steps, log_interval=None)
     with build_engine(algo, [0], changes=changes) as engine:
@@ -345,7 +345,7 @@ def test_ppo_bootstraps_at_time_limit_unless_terminal():
             rewards[limit] = rows[:, :, -1]
             learner = engine.learners[0]
     # The last observations of the episodes; the engine's robots have been reset since.
-    plain = [JitterbugEnv("face_direction") for _ in range(2)]
+    plain = [RobotEnv("face_direction") for _ in range(2)]
     for env, generator in zip(plain, Generators(0, 2).environments, strict=True):
         env.np_random = generator
         env.reset()

@@ -13,7 +13,7 @@ from jbench.settings.algorithms import ALGORITHMS, Foreign, algorithm_settings
 from jbench.settings.recorded import read_run
 from jbench.settings.run import RunSettings
 from jbench.store import Results
-from jbench.tasks.gym import JitterbugEnv
+from jbench.tasks.gym import RobotEnv
 from tests.training.small_runs import requested, train
 
 NAME = "sb3_contrib:TQC"
@@ -40,7 +40,7 @@ def build(algo, **overrides):
     # The replay buffer of a million transitions is allocated lazily.
     settings = algorithm_settings(algo, overrides=overrides)
     environments = getattr(settings, "n_envs", 1)
-    env = sb3.DummyVecEnv([lambda: JitterbugEnv("face_direction")] * environments)
+    env = sb3.DummyVecEnv([lambda: RobotEnv("face_direction")] * environments)
     return sb3.build(algo, settings, env, seed=7)
 
 

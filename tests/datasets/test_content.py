@@ -8,9 +8,9 @@ import pytest
 from scipy import stats
 
 from jbench.names import TASKS
-from jbench.tasks.gym import JitterbugEnv
+from jbench.tasks.gym import RobotEnv
 from jbench.tasks.jitterbug import model as robot
-from jbench.tasks.jitterbug.resets import draw_quaternion, draw_target
+from jbench.tasks.jitterbug.resets import draw_quaternion, draw_target, target_numbers
 from jbench.tasks.jitterbug.robots import load_model
 
 SIZES = dict(zip(TASKS, (15, 16, 19, 18, 19), strict=True))
@@ -75,11 +75,12 @@ def test_observations_and_rewards_equal_environment(task, dataset, steps):
     expected = [np.concatenate(parts) for parts in zip(*dataset.blocks(task), strict=True)]
     # The episode whose rewards vary most is compared to its end, of the others the first state.
     episode = np.argmax(np.ptp(expected[2][:, :COMPARED], axis=1))
-    env = JitterbugEnv(task)
+    env = RobotEnv(task)
     for number in [*(n for n in range(6) if n != episode), episode]:
-        env.data, targets = drawn(env.model, number)
-        env._target = targets[task]
-        first = env._outcome()[0]
+        _, targets = drawn(env.model, number)
+        numbers = target_numbers(task, targets[task])
+        env.np_random = np.random.default_rng(np.random.SeedSequence(3, spawn_key=(number,)))
+        first, _ = env.reset(options={"target": numbers} if len(numbers) else {})
         np.testing.assert_allclose(expected[0][number, 0], first, rtol=0, atol=1e-5)
     observations, rewards = [first], []
     actions = steps["action"][episode, :COMPARED]

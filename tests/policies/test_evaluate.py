@@ -11,8 +11,7 @@ from jbench.policies.evaluate import evaluate
 from jbench.settings.records import EvaluationSettings
 from jbench.store import Results
 from jbench.store.query import load, run_sql
-from jbench.tasks.gym import JitterbugEnv
-from jbench.tasks.jitterbug import resets
+from jbench.tasks.gym import RobotEnv
 from jbench.tasks.jitterbug.heuristics import LAWS
 from tests.training.small_runs import shorten_episodes
 
@@ -34,14 +33,12 @@ def test_returns_of_heuristic_equal_environment(tmp_path):
     task = "move_to_pose"
     settings = EvaluationSettings(task=task, policy="heuristic", episodes=2, seed=5)
     record = evaluate(settings, Results(tmp_path), threads=2)
-    policy, env = LAWS[task](), JitterbugEnv(task)
+    policy, env = LAWS[task](), RobotEnv(task)
     for episode, kept in enumerate(returns_of(record)):
-        env.reset()
-        random = np.random.default_rng(np.random.SeedSequence(5, spawn_key=(episode,)))
-        env.data.qpos[3:7] = resets.draw_quaternion(random)
-        env._target = resets.draw_target(task, random)
+        env.np_random = np.random.default_rng(np.random.SeedSequence(5, spawn_key=(episode,)))
+        observation, _ = env.reset()
         policy.reset(1)
-        (observation, *_), total = env._outcome(), 0.0
+        total = 0.0
         for _ in range(EPISODE):
             observation, reward, *_ = env.step(policy.act(observation[None])[0])
             total += reward

@@ -7,8 +7,7 @@ import pytest
 
 from jbench.rendering.episode import Frame, Scene, render_episode, times, video_picture, write
 from jbench.task_specs import CAMERAS
-from jbench.tasks.dm_gym import SuiteEnv
-from jbench.tasks.gym import JitterbugEnv
+from jbench.tasks.gym import RobotEnv
 from jbench.tasks.jitterbug import features, geometry, resets
 from jbench.tasks.jitterbug.features import goal
 from tests.rendering.render_policies import PAD, Constant
@@ -20,7 +19,7 @@ SMALL = {"width": 96, "height": 64}
 def test_frames_equal_episode_without_rendering():
     policy = Constant()
     frames = list(render_episode(policy, Scene("move_from_origin", seed=3, **SMALL), [0, 5, 12]))
-    env = JitterbugEnv("move_from_origin")
+    env = RobotEnv("move_from_origin")
     seen, returns = [env.reset(seed=3)[0]], [0.0]
     for _ in range(12):
         observation, reward, *_ = env.step(np.full(1, 0.5, np.float32))
@@ -106,7 +105,7 @@ def test_another_robot_is_drawn_by_its_first_camera_or_a_named_one():
 @pytest.mark.usefixtures("rendering")
 def test_terrain_of_a_later_episode_is_that_which_is_drawn():
     first, second = (
-        SuiteEnv("dmc:quadruped-escape", "rgb_array", width=64, height=48) for _ in range(2)
+        RobotEnv("dmc:quadruped-escape", "rgb_array", width=64, height=48) for _ in range(2)
     )
     first.reset(seed=0)
     before = first.render()

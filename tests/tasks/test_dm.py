@@ -15,8 +15,8 @@ from gymnasium.error import ResetNeeded
 import jbench.tasks  # noqa: F401 - registers the environments
 from jbench.errors import RequestError, WorkError
 from jbench.task_specs import EPISODE_STEPS, SUITE_TASKS
-from jbench.tasks.dm_gym import SuiteEnv
 from jbench.tasks.find import check_specs, checked_task, find_task
+from jbench.tasks.gym import RobotEnv
 from tests.third_party_task import own_tasks
 
 OWN = "tests.third_party_task.own_tasks"
@@ -174,7 +174,7 @@ def test_gymnasium_environment_is_a_world_of_the_task():
 
 def test_environment_without_a_model_is_not_drawn():
     with pytest.raises(RequestError, match="Integrator has no MuJoCo physics to draw"):
-        _ = SuiteEnv(f"{OWN}:Integrator").model
+        _ = RobotEnv(f"{OWN}:Integrator").model
 
 
 def test_environments_that_are_replaced_are_closed():

@@ -14,7 +14,7 @@ from dm_env import specs
 from jbench.errors import RequestError
 from jbench.names import TASKS
 from jbench.registration import environment_id
-from jbench.tasks.gym import JitterbugEnv
+from jbench.tasks.gym import RobotEnv
 from jbench.tasks.jitterbug import features, rewards, robots
 from jbench.tasks.jitterbug.geometry import Target
 from jbench.tasks.jitterbug.robots import load_model
@@ -153,7 +153,7 @@ def final_positions(env):
     [
         robots.draw,
         load_model,
-        lambda seed: JitterbugEnv("face_direction", augment=seed),
+        lambda seed: RobotEnv("face_direction", augment=seed),
         lambda seed: gymnasium.make("AugmentedJitterbug/MoveToPose-v0", augment=seed),
         lambda seed: suite.load("augmented_jitterbug", "move_to_pose", {"augment": seed}),
     ],
@@ -186,7 +186,7 @@ def test_gymnasium_environment_has_robot_of_its_seed(task):
     assert name == environment_id(task).replace("Jitterbug", "AugmentedJitterbug")
     for env, seed in ((gymnasium.make(name), 0), (gymnasium.make(name, augment=3), 3)):
         assert env.spec.max_episode_steps == 1000
-        expected = final_positions(JitterbugEnv(task, augment=seed))
+        expected = final_positions(RobotEnv(task, augment=seed))
         np.testing.assert_array_equal(final_positions(env), expected)
 
 

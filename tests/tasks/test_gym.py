@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import gymnasium
+import mujoco
 import numpy as np
 import pytest
 import torch
@@ -16,7 +17,7 @@ from gymnasium.wrappers import AddRenderObservation
 from jbench.errors import RequestError
 from jbench.names import TASKS
 from jbench.registration import environment_id
-from jbench.tasks.gym import JitterbugEnv
+from jbench.tasks.gym import RobotEnv
 from tests.tasks.robot_states import SIZES
 
 _NAMES = ("MoveFromOrigin", "FaceDirection", "MoveInDirection", "MoveToPosition", "MoveToPose")
@@ -46,12 +47,12 @@ def roll_out(env, steps=20, actions=None, seed=0):
 
 
 def picture_env(camera="tracking", width=96):
-    return JitterbugEnv("move_to_pose", "rgb_array", camera, width, height=64)
+    return RobotEnv("move_to_pose", "rgb_array", camera, width, height=64)
 
 
 @EVERY_TASK
 def test_environment_passes_gymnasium_checker(task, recwarn):
-    check_env(JitterbugEnv(task), skip_render_check=True)  # rendered by the tests below
+    check_env(RobotEnv(task), skip_render_check=True)  # rendered by the tests below
     warnings = [str(warning.message) for warning in recwarn]
     assert all("infinity" in warning for warning in warnings)  # observations are not clipped
 
@@ -81,7 +82,7 @@ def test_episode_is_truncated_after_1000_steps_and_never_terminated():
 
 @EVERY_TASK
 def test_seed_determines_episode(task):
-    env, other = JitterbugEnv(task), JitterbugEnv(task)
+    env, other = RobotEnv(task), RobotEnv(task)
     first = roll_out(env, seed=5)
     roll_out(other, seed=6)  # earlier episodes do not matter
     assert roll_out(other, seed=5) == first
@@ -90,7 +91,7 @@ def test_seed_determines_episode(task):
 
 @pytest.mark.parametrize(("beyond", "limit"), [(5, 1), (-1.5, -1)])
 def test_actions_are_clipped_to_one(beyond, limit):
-    env = JitterbugEnv("face_direction")
+    env = RobotEnv("face_direction")
     assert roll_out(env, actions=[[beyond]] * 20) == roll_out(env, actions=[[limit]] * 20)
     assert roll_out(env, actions=[[limit]] * 20) != roll_out(env, actions=[[limit / 2]] * 20)
 
@@ -107,7 +108,7 @@ def test_gymnasium_and_dm_control_give_same_episode(domain, task, seed):
     robot = {"augment": seed, "vary_masses": True} if domain == "augmented_jitterbug" else {}
     # Both draw the pose, then the target: equal generators give equal starts.
     theirs = suite.load(domain, task, {"random": np.random.RandomState(seed), **robot})
-    ours = JitterbugEnv(task, **robot)
+    ours = RobotEnv(task, **robot)
     ours.np_random = np.random.RandomState(seed)
     seen = [(np.concatenate(list(theirs.reset().observation.values())), ours.reset()[0])]
     rewards = []
@@ -123,7 +124,7 @@ def test_gymnasium_and_dm_control_give_same_episode(domain, task, seed):
 
 @EVERY_TASK
 def test_returned_arrays_are_copies(task):
-    env = JitterbugEnv(task)
+    env = RobotEnv(task)
     expected = roll_out(env)
     kept = env.reset(seed=0)[0]
     env.step(np.ones(1, np.float32))[0][:] = 9
@@ -131,9 +132,28 @@ def test_returned_arrays_are_copies(task):
     assert roll_out(env) == expected
 
 
+def test_state_that_is_set_is_stepped():
+    env = RobotEnv("move_to_pose")
+    env.reset(seed=0)
+    env.data.qpos[:2] = 0.05, -0.02
+    env.model.opt.gravity[2] *= 2
+    data = copy.copy(env.data)
+    data.ctrl[0] = 0.5
+    mujoco.mj_step(copy.deepcopy(env.model), data, nstep=50)
+    observation, *_ = env.step(np.array([0.5]))
+    np.testing.assert_array_equal(env.data.qpos, data.qpos)
+    np.testing.assert_allclose(2 * observation[:2], data.qpos[:2], rtol=1e-6)
+
+
+def test_options_that_a_task_does_not_have_are_refused():
+    env = RobotEnv("dmc:pendulum-swingup")
+    with pytest.raises(RequestError, match="reset has no option target; leave the options out"):
+        env.reset(options={"target": 1.0})
+
+
 @EVERY_TASK
 def test_info_has_target_and_terms_of_reward(task):
-    env = JitterbugEnv(task)
+    env = RobotEnv(task)
     info = env.reset(seed=3)[1]
     assert all(type(value) is float for key, value in info.items() if key != "target")
     begin = info.pop("target", None)
@@ -155,7 +175,7 @@ def test_info_has_target_and_terms_of_reward(task):
     ],
 )
 def test_reset_accepts_target(task, target, distance):
-    env, plain = JitterbugEnv(task), JitterbugEnv(task)
+    env, plain = RobotEnv(task), RobotEnv(task)
     before = plain.reset(seed=4)[0]
     observation, info = env.reset(seed=4, options={"target": target})
     assert info["target"].tolist() == np.atleast_1d(target).tolist()
@@ -177,13 +197,13 @@ def test_reset_accepts_target(task, target, distance):
         ("reset", {"options": {"goal": 1}}, "reset has no option goal; it has target"),
         ("reset", {"options": {"target": [1, 2]}}, "The target of face_direction is an array"),
         *(
-            ("step", {"action": action}, r"must be a number, of shape \(1,\), not")
+            ("step", {"action": action}, r"must be numbers of shape \(1,\), not")
             for action in ([0.1, 0.2], [], None, "a", {"a": 1})
         ),
     ],
 )
 def test_invalid_call_is_refused_and_changes_nothing(call, arguments, says):
-    env, plain = JitterbugEnv("face_direction"), JitterbugEnv("face_direction")
+    env, plain = RobotEnv("face_direction"), RobotEnv("face_direction")
     for environment in (env, plain):
         environment.reset(seed=1)
     with pytest.raises(RequestError, match=says):
@@ -194,8 +214,8 @@ def test_invalid_call_is_refused_and_changes_nothing(call, arguments, says):
 @pytest.mark.parametrize(
     ("settings", "says"),
     [
-        ({"task": "fly"}, "'fly' is not one of .*move_to_pose"),
-        ({"camera": "side"}, "'side' is not one of overhead"),
+        ({"task": "fly"}, "Unknown task 'fly'; choose .*move_to_pose"),
+        ({"camera": "side"}, "face_direction has no camera side; it has overhead, .* or free"),
         ({"render_mode": "ascii"}, "'ascii' is not one of .*rgb_array"),
         ({"width": 0}, "pixels of at least 1, not 0 and 480"),
         ({"height": "9"}, "pixels of at least 1, not 640 and '9'"),
@@ -205,7 +225,7 @@ def test_invalid_call_is_refused_and_changes_nothing(call, arguments, says):
 )
 def test_wrong_setting_is_refused(settings, says):
     with pytest.raises(ValueError, match=says):
-        JitterbugEnv(**{"task": "face_direction", **settings})
+        RobotEnv(**{"task": "face_direction", **settings})
 
 
 def test_window_without_display_is_refused(monkeypatch):
@@ -213,7 +233,7 @@ def test_window_without_display_is_refused(monkeypatch):
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     with pytest.raises(RequestError, match=r"no display .* render_mode='rgb_array'"):
-        JitterbugEnv("face_direction", render_mode="human").reset(seed=0)
+        RobotEnv("face_direction", render_mode="human").reset(seed=0)
 
 
 @pytest.mark.usefixtures("rendering")
@@ -265,7 +285,7 @@ def test_gymnasium_observes_pixels():
 
 @pytest.mark.usefixtures("coarse_pictures")
 def test_pictures_larger_than_offscreen_buffer_are_complete():
-    env = JitterbugEnv("move_to_pose", render_mode="rgb_array", width=2000, height=1100)
+    env = RobotEnv("move_to_pose", render_mode="rgb_array", width=2000, height=1100)
     env.reset(seed=0)
     picture = env.render()
     env.close()

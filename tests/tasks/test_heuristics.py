@@ -9,8 +9,8 @@ from jbench.tasks.jitterbug import features, geometry, resets
 from jbench.tasks.jitterbug.heuristics import LAWS
 from jbench.tasks.jitterbug.rewards import reward
 from jbench.tasks.jitterbug.robots import load_model
+from jbench.tasks.jitterbug.simulation import Robots
 from jbench.tasks.jitterbug.task import JitterbugTask
-from jbench.tasks.jitterbug.worlds import Robots
 
 
 def some_observations(task, random, count=50):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jbench.tasks.find import checked_task, find_task
-from jbench.tasks.task import EpisodeError
+from jbench.tasks.worlds import EpisodeError
 
 ODD = "tests.odd_tasks"
 

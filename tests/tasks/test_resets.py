@@ -121,18 +121,18 @@ def test_only_given_generator_is_used(task, generator):
     ],
 )
 def test_chosen_target_by_hand(task, numbers, position, yaw):
-    target = resets.option_target(task, {"target": numbers})
-    assert tuple(target.position) == position
-    assert target.yaw == yaw
-    assert resets.target_numbers(task, target).tolist() == np.atleast_1d(numbers).tolist()
+    target = resets.option_target(task, {"target": numbers}, 2)
+    assert [*map(tuple, target.position)] == [position] * 2
+    assert target.yaw.tolist() == [yaw] * 2
+    assert resets.target_numbers(task, target).tolist() == [np.atleast_1d(numbers).tolist()] * 2
 
 
 @pytest.mark.parametrize(
     ("task", "numbers", "says"),
     [
         ("move_from_origin", [0, 0], "has no target to choose"),
-        ("face_direction", [1, 2], r"array \(yaw\) of finite numbers, of shape \(1,\)"),
-        ("move_to_position", 0.1, r"array \(x, y\) .* of shape \(2,\)"),
+        ("face_direction", [1, 2], r"array \(yaw\) of finite numbers, of shape \(1,\) or \(2, 1\)"),
+        ("move_to_position", 0.1, r"array \(x, y\) .* of shape \(2,\) or"),
         ("move_to_pose", [0.1, 0.2], r"\(x, y, yaw\) .*not \[0.1, 0.2\]"),
         ("move_to_pose", [0.1, 0.2, math.nan], "finite"),
         ("move_to_pose", [0.1, 0.2, math.inf], "finite"),
@@ -144,4 +144,4 @@ def test_chosen_target_by_hand(task, numbers, position, yaw):
 )
 def test_wrong_target_is_refused(task, numbers, says):
     with pytest.raises(RequestError, match=says):
-        resets.option_target(task, {"target": numbers})
+        resets.option_target(task, {"target": numbers}, 2)

@@ -9,8 +9,9 @@ from hypothesis import given
 from scipy.spatial.transform import Rotation
 
 from jbench.names import TASKS
-from jbench.tasks.gym import outcome
 from jbench.tasks.jitterbug import rewards
+from jbench.tasks.jitterbug.features import features
+from jbench.tasks.jitterbug.worlds import describe
 from tests.tasks.robot_states import convert, rest, states, target, targets
 
 PI = math.pi
@@ -94,9 +95,11 @@ BY_HAND = {
 
 @pytest.mark.parametrize("task", TASKS)
 def test_info_by_hand(task):
-    _, reward, info = outcome(task, STATE, GOAL)
+    seen = features(task, STATE, GOAL)
+    terms = rewards.reward_terms(task, STATE, GOAL, seen)
+    info = describe(task, STATE, GOAL, seen, terms)
     expected = {**BY_HAND[task], "reward_upright": 1}
     assert {key: np.asarray(value).tolist() for key, value in info.items()} == {
         key: pytest.approx(value, rel=1e-12) for key, value in expected.items()
     }
-    assert reward == rewards.reward(task, STATE, GOAL)
+    assert math.prod(terms.values()) == rewards.reward(task, STATE, GOAL)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from jbench.tasks.find import find_task
-from jbench.tasks.gym import JitterbugEnv
+from jbench.tasks.gym import RobotEnv
 from jbench.tasks.jitterbug import resets
 from jbench.tasks.task import rollout
 
@@ -19,7 +19,7 @@ def test_rollout_equals_environments():
         transitions = rollout(worlds, worlds.reset([*map(np.random.default_rng, (4, 5))]), act)
         steps = [next(transitions) for _ in range(30)]
     for robot, seed in ((0, 4), (1, 5)):
-        env = JitterbugEnv(TASK)
+        env = RobotEnv(TASK)
         observation, _ = env.reset(seed=seed)
         for step in steps:
             assert np.array_equal(step.observations[robot], observation)

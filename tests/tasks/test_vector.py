@@ -13,7 +13,8 @@ from gymnasium.vector import AutoresetMode
 from jbench.errors import RequestError
 from jbench.names import TASKS
 from jbench.registration import environment_id
-from jbench.tasks.vector import JitterbugVectorEnv
+from jbench.tasks.vector import RobotVectorEnv
+from jbench.tasks.worlds import EpisodeError
 
 COUNT, LENGTH = 3, 4
 
@@ -44,8 +45,8 @@ def assert_same(ours, theirs):
         np.testing.assert_array_equal(ours, theirs)
 
 
-def steps(count):
-    return np.random.default_rng(0).uniform(-1.2, 1.2, (count, COUNT, 1)).astype(np.float32)
+def steps(count, size=1):
+    return np.random.default_rng(0).uniform(-1.2, 1.2, (count, COUNT, size)).astype(np.float32)
 
 
 AUGMENTED = {"augmented": True, "augment": 3, "vary_masses": True}
@@ -83,9 +84,64 @@ def test_every_autoreset_mode_equals_sync_vector_env(mode):
             assert_same(*results)
 
 
+LEAVES = "tests.gym_tasks:leaves"
+"""Its robots fall off the rail at different control steps, or are truncated after 20."""
+
+
+@pytest.mark.parametrize(
+    ("task", "mode", "limit"),
+    [
+        ("dmc:cheetah-run", "NextStep", LENGTH),
+        (LEAVES, "NextStep", 1000),
+        (LEAVES, "SameStep", 12),
+        (LEAVES, "Disabled", 1000),
+    ],
+)
+def test_other_robots_equal_sync_vector_env(task, mode, limit):
+    ours, oracle = pair(task, mode=mode, max_episode_steps=limit)
+    assert type(ours) is RobotVectorEnv
+    assert ours.metadata.get("render_fps") == oracle.metadata.get("render_fps")
+    assert_same(ours.reset(seed=[5, 1, 9]), oracle.reset(seed=[5, 1, 9]))
+    mask = np.array([True, False, True])
+    terminated = 0
+    for number, actions in enumerate(steps(45, *ours.single_action_space.shape)):
+        if number == 2:
+            options = {"reset_mask": mask}
+            results = [env.reset(seed=[3, None, 4], options=options) for env in (ours, oracle)]
+            assert_same(*results)
+        step = ours.step(actions)
+        assert_same(step, oracle.step(actions))
+        terminated += step[2].sum()
+        ended = step[2] | step[3]
+        if mode == "Disabled" and ended.any():
+            results = [env.reset(options={"reset_mask": ended}) for env in (ours, oracle)]
+            assert_same(*results)
+    assert (terminated > 3) == (task == LEAVES)
+    ours.close()
+    oracle.close()
+
+
+def test_error_of_an_episode_is_raised():
+    ours = RobotVectorEnv("tests.gym_tasks:huge_reward", 2)
+    ours.reset(seed=0)
+    for _ in range(2):
+        ours.step(np.zeros((2, 1)))
+    with pytest.raises(EpisodeError, match=r"at control step 3 .* its reward is inf"):
+        ours.step(np.zeros((2, 1)))
+
+
+def test_copy_of_other_robots_begins_with_a_reset():
+    ours = RobotVectorEnv("dmc:pendulum-swingup", 2)
+    ours.reset(seed=3)
+    copied = copy.deepcopy(ours)
+    with pytest.raises(ResetNeeded, match="before step"):
+        copied.step(np.zeros((2, 1)))
+    assert_same(copied.reset(), ours.reset())
+
+
 def test_spaces_seeds_and_metadata_equal_sync_vector_env():
     ours, oracle = pair("move_to_position")
-    assert type(ours) is JitterbugVectorEnv
+    assert type(ours) is RobotVectorEnv
     for name in ("observation", "action", "single_observation", "single_action"):
         assert getattr(ours, f"{name}_space") == getattr(oracle, f"{name}_space")
     ours.reset(seed=11)
@@ -131,12 +187,12 @@ def test_returned_arrays_are_copies():
         ({"threads": 1.5}, "of at least 1, not 1, 1000 and 1.5"),
         ({"render_mode": "human"}, "'human' is not one of rgb_array"),
         ({"autoreset_mode": "Never"}, "'Never' is not a valid AutoresetMode"),
-        ({"task": "fly"}, "'fly' is not one of move_from_origin"),
+        ({"task": "fly"}, "Unknown task 'fly'; choose move_from_origin"),
     ],
 )
 def test_wrong_settings_are_refused(settings, says):
     with pytest.raises(ValueError, match=says):
-        JitterbugVectorEnv(**{"task": "face_direction", **settings})
+        RobotVectorEnv(**{"task": "face_direction", **settings})
 
 
 @pytest.mark.parametrize(
@@ -211,7 +267,7 @@ def test_forked_process_continues():
 
 
 def test_negative_step_limit_disables_truncation():
-    ours = JitterbugVectorEnv("face_direction", max_episode_steps=-1)
+    ours = RobotVectorEnv("face_direction", max_episode_steps=-1)
     ours.reset(seed=0)
     assert not ours.step(np.ones((1, 1), np.float32))[3].any()
 

@@ -10,7 +10,7 @@ import pytest
 
 from jbench.tasks.jitterbug import model, resets
 from jbench.tasks.jitterbug.robots import load_model
-from jbench.tasks.jitterbug.worlds import Robots
+from jbench.tasks.jitterbug.simulation import Robots
 
 
 @pytest.fixture(scope="module")
@@ -116,7 +116,7 @@ def test_forked_process_steps_and_ends():
     script = """
 import os, sys
 import numpy as np
-from jbench.tasks.jitterbug.worlds import Robots
+from jbench.tasks.jitterbug.simulation import Robots
 from jbench.tasks.jitterbug.robots import load_model
 robots = Robots(load_model(), 4, 2)
 robots.step(np.ones(4))

@@ -135,7 +135,7 @@ def test_next_robot_continues_random_stream():
     for env, beginnings in seen.items():
         env.reset(seed=4)
         for _ in range(3):
-            beginnings.append((*env.unwrapped.data.qpos[3:7], env.unwrapped._target.yaw))
+            beginnings.append((*env.unwrapped.data.qpos[3:7], *env.unwrapped.world.target.yaw))
             if env is sequence:
                 for _ in range(EPISODE):
                     *_, info = env.step(np.zeros(1, np.float32))

@@ -30,7 +30,7 @@ def finished(tmp_path_factory):
 
 def pose(env):
     """Returns x, y and heading of the robot."""
-    return [*env.unwrapped.data.qpos[:2], geometry.heading(env.unwrapped.state)]
+    return [*env.unwrapped.data.qpos[:2], geometry.heading(env.unwrapped.world.robot_state)[0]]
 
 
 def test_episodes_and_evaluations_are_rows(finished):
@@ -65,7 +65,7 @@ def test_saved_agent_reproduces_evaluation(finished):
         observation, _ = env.reset()
         total, ended = 0.0, False
         poses.append([pose(env)])
-        targets.append(env.unwrapped._target)
+        targets.append(env.unwrapped.world.target)
         while not ended:
             observation, reward, _, ended, _ = env.step(agent.act(observation))
             total += reward
@@ -81,7 +81,7 @@ def test_saved_agent_reproduces_evaluation(finished):
     np.testing.assert_array_equal(found[["x", "y"]], expected[:, :2])
     turn = np.exp(1j * found["heading"]) / np.exp(1j * expected[:, 2])
     np.testing.assert_allclose(turn, 1, atol=1e-5)
-    target = [*targets[2].position[:2], targets[2].yaw]
+    target = [*targets[2].position[0, :2], *targets[2].yaw]
     np.testing.assert_allclose(found[["target_x", "target_y", "target_yaw"]], [target] * 3)
 
 

@@ -14,7 +14,8 @@ from jbench.settings.records import DatasetSettings, EvaluationSettings
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.tasks.find import dataset_robot, find_task
-from jbench.tasks.task import EpisodeError, episode_generator
+from jbench.tasks.task import episode_generator
+from jbench.tasks.worlds import EpisodeError
 from jbench.training.batched_run import run_batch
 from tests.odd_tasks import EPISODE
 from tests.training.small_runs import rows

@@ -66,19 +66,17 @@ def _drawn(task: str) -> slice:
     return slice(first, first + len(names))
 
 
-def option_target(
-    task: str, options: Mapping[str, Any] | None, count: int | None = None
-) -> Target | None:
-    """Returns the target that the options of `reset` choose, or None if they choose none.
+def option_target(task: str, options: Mapping[str, Any], count: int) -> Target | None:
+    """Returns the targets of `count` robots that options of `reset` choose; None if they do not.
 
-    Of {"target": numbers}, the inverse of `target_numbers`, the numbers are (n,), or (count, n) for
-    a target for each of several robots.
+    Of {"target": numbers}, the inverse of `target_numbers`, the numbers are (n,) for all robots, or
+    (count, n) for each.
 
     Raises:
         RequestError: if there is another option, the task has no random target, or the numbers are
             not those of a target.
     """
-    unknown = sorted(map(str, set(options or {}) - {"target"}))
+    unknown = sorted(map(str, set(options) - {"target"}))
     if unknown:
         raise RequestError(f"reset has no option {', '.join(unknown)}; it has target.")
     if not options:
@@ -89,8 +87,7 @@ def option_target(
     if not names:
         raise RequestError(f"{task} has no target to choose: leave out the option target.")
 
-    shapes = [(len(names),)] if count is None else [(len(names),), (count, len(names))]
-
+    shapes = [(len(names),), (count, len(names))]
     try:
         chosen = np.atleast_1d(np.array(numbers, np.float64))
     except (TypeError, ValueError):
@@ -102,7 +99,7 @@ def option_target(
             f"{in_prose(map(str, shapes))}, not {numbers!r}."
         )
 
-    position = np.zeros((*shapes[-1][:-1], 3))
+    position = np.zeros((count, 3))
     position[..., _drawn(task)] = chosen
     yaw = np.array(position[..., 2])
     position[..., 2] = TARGET_HEIGHT

@@ -11,7 +11,8 @@ from jbench.tasks.jitterbug import features
 from jbench.tasks.jitterbug.control_laws import Law
 from jbench.tasks.jitterbug.heuristics import LAWS
 from jbench.tasks.jitterbug.robots import load_model
-from jbench.tasks.jitterbug.worlds import JitterbugWorlds
+from jbench.tasks.jitterbug.simulation import Robots
+from jbench.tasks.jitterbug.worlds import JitterbugWorld, JitterbugWorlds
 from jbench.tasks.task import Task
 
 _robot_model = lru_cache(maxsize=2)(load_model)
@@ -29,6 +30,7 @@ class JitterbugTask(Task):
     has_state_within_episode = True
     has_planar_reduction = True
     records_states = True
+    has_one_model = True
 
     def __init__(self, name: str) -> None:
         """Reads the sizes, units and ranges of a task from its row of `TASK_SPECS`."""
@@ -52,9 +54,21 @@ class JitterbugTask(Task):
         names = ((part, axis) for part in self.parts for axis in features.FEATURES[part].axes)
         return [f"{part}_{axis}" if axis else part for part, axis in names]
 
-    def worlds(self, count: int, threads: int = 1, augment: int | None = None) -> JitterbugWorlds:
+    def worlds(
+        self,
+        count: int,
+        threads: int = 1,
+        augment: int | None = None,
+        *,
+        vary_masses: bool = False,
+    ) -> JitterbugWorlds:
         """Returns new worlds; see `Task.worlds`."""
-        return JitterbugWorlds(self.name, _robot_model(augment), count, threads)
+        model = _robot_model(augment, vary_masses=vary_masses)
+        return JitterbugWorlds(self.name, Robots(model, count, threads))
+
+    def world(self, augment: int | None = None, *, vary_masses: bool = False) -> JitterbugWorld:
+        """Returns one world, with a model of its own; see `Task.world`."""
+        return JitterbugWorld(self.name, load_model(augment, vary_masses=vary_masses))
 
     def hand_written(self) -> Law | None:
         """Returns a new hand-written policy with its tuned constants, if the task has one."""

@@ -1,117 +1,23 @@
-"""The simulation of many Jitterbugs."""
+"""Worlds of the Jitterbug: its observations, rewards and targets over its simulation."""
 
-import ctypes
-import os
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from typing import Any
-from weakref import WeakSet
 
 import mujoco
 import numpy as np
-from mujoco.batch import Batch
 from numpy.random import Generator
 from numpy.typing import NDArray
 
 from jbench import task_specs
-from jbench.task_specs import PHYSICS_STEPS, TASK_SPECS
-from jbench.tasks.jitterbug import model as robot
+from jbench.task_specs import TASK_SPECS
 from jbench.tasks.jitterbug import resets
 from jbench.tasks.jitterbug.features import features, flatten
-from jbench.tasks.jitterbug.geometry import Array, State, Target, heading
-from jbench.tasks.jitterbug.rewards import reward, upright_reward
-from jbench.tasks.task import Worlds, WorldsState
-
-# The complete state of a MuJoCo step, including the solver's warm start.
-_STATE = mujoco.mjtState.mjSTATE_INTEGRATION.value
-
-Selection = NDArray[np.bool_] | NDArray[np.integer] | list[int] | slice
-"""Some of the robots: a mask (count,), indices or a slice."""
-_EVERY = slice(None)
-
-
-class Robots:
-    """Robots in separate worlds, with one batch of states, stepped by MuJoCo's threads.
-
-    The result does not depend on the threads: it equals a loop over robots with one `MjData` each,
-    bit for bit. Every returned `State` is a copy.
-    """
-
-    def __init__(self, model: mujoco.MjModel, count: int, threads: int) -> None:
-        """Creates the robots at the origin, at rest, upright; `threads` include the caller's."""
-        self._model = model
-        self._offset = robot.torso_offset(model)
-        self._threads = max(1, min(threads, count))
-        data = mujoco.MjData(model)
-        robot.place(data, robot.UPRIGHT)
-        self._at_rest = np.empty(mujoco.mj_stateSize(model, _STATE))
-        mujoco.mj_getState(model, data, self._at_rest, _STATE)
-        self._start(np.tile(self._at_rest, (count, 1)))
-        _live.add(self)
-
-    def _start(self, states: NDArray[np.float64]) -> None:
-        """Starts threads that step robots with these states."""
-        self._batch = Batch(self._model, len(states), self._threads)
-        self._batch.state[:] = states
-        self._qpos, self._qvel, self._ctrl = map(self._batch.bind, ("qpos", "qvel", "ctrl"))
-
-    def reset(self, quaternions: NDArray[np.float64], robots: Selection = _EVERY) -> State:
-        """Resets robots to the origin, at rest, in orientations (n, 4) (w, x, y, z).
-
-        Returns the state of all robots, including the others.
-        """
-        self._batch.state[robots] = self._at_rest
-        self._qpos[robots, 3:7] = quaternions
-        return self._state()
-
-    def step(self, actions: NDArray[np.floating]) -> State:
-        """Applies actions (count,), clipped to [-1, 1], for one control step."""
-        self._ctrl[:, 0] = np.clip(actions, -1, 1)
-        self._batch.step(nstep=PHYSICS_STEPS)
-        return self._state()
-
-    def snapshot(self, robots: Selection = _EVERY) -> NDArray[np.float64]:
-        """Returns the complete state of robots, all by default, a row for each, for `restore`."""
-        rows: NDArray[np.float64] = self._batch.state[robots].copy()
-        return rows
-
-    def restore(self, snapshot: NDArray[np.float64], robots: Selection = _EVERY) -> State:
-        """Restores robots by rows (n, ...) of `snapshot`; they then continue bit for bit.
-
-        Returns the state of all robots, including the others.
-        """
-        self._batch.state[robots] = snapshot
-        return self._state()
-
-    def load(self, index: int, data: mujoco.MjData) -> None:
-        """Copies the complete state of one robot into `data`, which is made of the model."""
-        mujoco.mj_setState(data.model, data, self._batch.state[index], _STATE)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Returns how to make a copy, which has threads of its own."""
-        return Robots, (self._model, self._batch.nsim, self._threads), self.snapshot()
-
-    def __setstate__(self, snapshot: NDArray[np.float64]) -> None:
-        """See `restore`."""
-        self.restore(snapshot)
-
-    def _state(self) -> State:
-        """Returns the present state of all robots."""
-        return robot.read_state(self._qpos, self._qvel, self._offset)
-
-
-_live: WeakSet[Robots] = WeakSet()
-
-
-def _restart_threads() -> None:
-    """Starts the threads of all robots again in a forked process, which does not have them."""
-    for robots in _live:
-        # MuJoCo would wait for the end of the old threads before it frees them.
-        ctypes.pythonapi.Py_IncRef(ctypes.py_object(robots._batch._b))
-        robots._start(robots._batch.state)
-
-
-if hasattr(os, "register_at_fork"):  # not on Windows
-    os.register_at_fork(after_in_child=_restart_threads)
+from jbench.tasks.jitterbug.geometry import Array, State, Target, distance_to_target, heading
+from jbench.tasks.jitterbug.model import yaw_quaternion
+from jbench.tasks.jitterbug.rewards import reward_terms, upright_reward
+from jbench.tasks.jitterbug.simulation import OneRobot, Robots
+from jbench.tasks.worlds import Chosen, Physics, Worlds, WorldsState
 
 
 class JitterbugWorlds(Worlds):
@@ -119,23 +25,50 @@ class JitterbugWorlds(Worlds):
 
     robot_state: State
     target: Target
+    _seen: dict[str, Array]
+    _terms: dict[str, Array]
 
-    def __init__(self, task: str, model: mujoco.MjModel, count: int, threads: int) -> None:
+    def __init__(self, task: str, robots: Robots | OneRobot) -> None:
         """Has no episode yet; see `reset`."""
         self._task = task
-        self._robots = Robots(model, count, threads)
+        self._robots = robots
         self.episode_steps = task_specs.EPISODE_STEPS
         self.failures = {}
-        self.target = Target(np.zeros((count, 3)), np.zeros(count))
+        # The Jitterbug's episodes have no other end than their time limit.
+        self.terminated = np.zeros(robots.count, bool)
+        self.truncated = np.zeros(robots.count, bool)
+        self.target = Target(np.zeros((robots.count, 3)), np.zeros(robots.count))
 
     def reset(
         self, generators: Sequence[Generator], yaw: float | None = None
     ) -> NDArray[np.float32]:
         """Begins an episode in each world, with targets of a yaw (rad) or, if None, as drawn."""
-        quaternions, self.target = resets.draw_starts(self._task, generators)
-        if yaw is not None:
-            self.target = self.target._replace(yaw=np.full(len(quaternions), yaw))
-        return self._observe(self._robots.reset(quaternions))
+        chosen = {} if yaw is None else {"yaw": np.full(len(generators), yaw)}
+        return self.begin(range(len(generators)), generators, chosen)
+
+    def begin(
+        self,
+        worlds: Sequence[int],
+        generators: Sequence[Generator],
+        chosen: Chosen | None = None,
+    ) -> NDArray[np.float32]:
+        """Begins an episode in some worlds; `chosen` may have parts of `Target`, by name."""
+        rows = list(worlds)
+        quaternions, drawn = resets.draw_starts(self._task, generators)
+        parts = {name: part.copy() for name, part in self.target._asdict().items()}
+        for name, part in drawn._asdict().items():
+            parts[name][rows] = part
+        for name, part in (chosen or {}).items():
+            parts[name][rows] = part[rows]
+
+        self.target = Target(**parts)
+        self.has_begun = True
+        return self._flat(self._see(self._robots.reset(quaternions, rows)))
+
+    def read_options(self, options: Mapping[str, Any]) -> Chosen:
+        """Returns the targets that {"target": numbers} chooses; see `resets.option_target`."""
+        chosen = resets.option_target(self._task, options, self._robots.count)
+        return {} if chosen is None else chosen._asdict()
 
     def step(
         self, actions: NDArray[np.floating]
@@ -143,7 +76,22 @@ class JitterbugWorlds(Worlds):
         """Applies actions (worlds, 1); see `Worlds.step`."""
         state = self._robots.step(actions[:, 0])
         seen = self._see(state)
-        return self._flat(seen), np.asarray(reward(self._task, state, self.target, seen))
+        self._terms = reward_terms(self._task, state, self.target, seen)
+        return self._flat(seen), np.asarray(math.prod(self._terms.values()))
+
+    def info(self) -> dict[str, NDArray[np.float64]]:
+        """Returns the entries of `info`, see `describe`; after a reset, of the initial states."""
+        state = self.robot_state
+        terms = self._terms or reward_terms(self._task, state, self.target, self._seen)
+        return describe(self._task, state, self.target, self._seen, terms)
+
+    def physics(self, world: int) -> Physics:
+        """Returns the robot of a world and its state, with the target where it is."""
+        physics = self._robots.physics(world)
+        target = physics.model.body("target")
+        target.pos = self.target.position[world]
+        target.quat = yaw_quaternion(self.target.yaw[world])
+        return physics
 
     def state(self, rows: slice) -> WorldsState:
         """Returns the complete state of some worlds, at any control step."""
@@ -157,7 +105,8 @@ class JitterbugWorlds(Worlds):
         """Restores what `state` returned; the worlds then continue bit for bit."""
         self.target.position[rows] = state["target_position"]
         self.target.yaw[rows] = state["target_yaw"]
-        return self._observe(self._robots.restore(state["simulation"], rows))
+        self.has_begun = True
+        return self._flat(self._see(self._robots.restore(state["simulation"], rows)))
 
     def points(self) -> NDArray[np.float32]:
         """Returns x, y (m) and heading (rad) of each robot (worlds, 3)."""
@@ -187,14 +136,67 @@ class JitterbugWorlds(Worlds):
         position, yaw = self.target
         return {"x": position[:, 0], "y": position[:, 1], "yaw": yaw}
 
-    def _observe(self, state: State) -> NDArray[np.float32]:
-        """Returns observations of a new state of the robots."""
-        return self._flat(self._see(state))
-
     def _see(self, state: State) -> dict[str, Array]:
         """Returns the features of a new state of the robots, in SI units."""
         self.robot_state = state
-        return features(self._task, state, self.target)
+        self._seen = features(self._task, state, self.target)
+        self._terms = {}
+        return self._seen
 
     def _flat(self, seen: dict[str, Array]) -> NDArray[np.float32]:
         return np.asarray(flatten(self._task, seen), np.float32)
+
+
+class JitterbugWorld(JitterbugWorlds):
+    """One robot, whose MuJoCo data its owner may read and change."""
+
+    def __init__(self, task: str, model: mujoco.MjModel) -> None:
+        """The model is stepped itself."""
+        super().__init__(task, OneRobot(model))
+
+    def begin(
+        self,
+        worlds: Sequence[int],
+        generators: Sequence[Generator],
+        chosen: Chosen | None = None,
+    ) -> NDArray[np.float32]:
+        """See `JitterbugWorlds.begin`; a window that shows the model shows the new target."""
+        observations = super().begin(worlds, generators, chosen)
+        self.physics(0)
+        return observations
+
+
+def describe(
+    task: str,
+    state: State,
+    target: Target,
+    seen: Mapping[str, Array],
+    terms: Mapping[str, Array],
+) -> dict[str, Array]:
+    """Returns the entries of `info` for states of a task, with any leading axes `...`.
+
+    Args:
+        task: one of the five tasks.
+        state: of robots.
+        target: of theirs.
+        seen: the features of these states, see `features.features`.
+        terms: of their rewards, see `rewards.reward_terms`.
+
+    Returns:
+        By name
+            target: (..., n) the target's random numbers, see `resets.target_numbers`,
+            distance: (...) from the torso to the target (m), if the reward depends on it,
+            angle: (...) from heading to target in (-pi, pi] (rad), if the task observes it,
+            reward_...: (...) each term of the reward, which is their product.
+    """
+    info = {}
+    if TASK_SPECS[task].drawn:
+        info["target"] = resets.target_numbers(task, target)
+    if not {"near", "away"}.isdisjoint(TASK_SPECS[task].rewards):
+        info["distance"] = distance_to_target(state, target)
+    if "angle_to_target" in seen:
+        info["angle"] = np.array(seen["angle_to_target"][..., 0])
+
+    for name, term in terms.items():
+        info[f"reward_{name}"] = np.array(term)
+    return info

@@ -38,16 +38,16 @@ def rendering():
 def coarse_pictures(rendering, monkeypatch):
     """Draws with coarse shadows and edges, which without a GPU take most of a picture's time."""
     from jbench.rendering import episode
-    from jbench.tasks import gym
+    from jbench.tasks.jitterbug import task
 
-    load = gym.load_model
+    load = task.load_model
 
     def load_coarse(*arguments, **options):
         model = load(*arguments, **options)
         model.vis.quality.shadowsize, model.vis.quality.offsamples = 64, 0
         return model
 
-    monkeypatch.setattr(gym, "load_model", load_coarse)
+    monkeypatch.setattr(task, "load_model", load_coarse)
     monkeypatch.setattr(episode, "_SHADOW_TEXELS", 64)
 
 

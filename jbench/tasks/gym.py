@@ -143,14 +143,16 @@ class RobotEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._pictures.close()
         self.world.close()
 
-    def _command(self, action: Any) -> NDArray[np.floating]:
+    def _command(self, action: Any) -> NDArray[np.float64]:
         """Returns an action as numbers (action_size,), of which a single one may be a scalar."""
         shape = self.action_space.shape
         try:
-            command = np.atleast_1d(np.clip(action, -1, 1))
+            command = np.asarray(action, np.float64)
         except (TypeError, ValueError):
             command = np.empty(0)
 
+        if command.shape == () and action is not None:
+            command = command.reshape(1)
         if command.shape != shape:
             raise RequestError(f"The action must be numbers of shape {shape}, not {action!r}.")
         return command

@@ -21,10 +21,15 @@ from jbench.tasks.worlds import Chosen, Physics, Worlds, WorldsState
 
 
 class JitterbugWorlds(Worlds):
-    """Robots of one of the five tasks, with their state after the last step or reset."""
+    """Robots of one of the five tasks, with their state after the last step or reset.
 
-    robot_state: State
+    Attributes:
+        target: of each world, with the leading axis (worlds,).
+    """
+
     target: Target
+    _state: State
+    _target: Target
     _seen: dict[str, Array]
     _terms: dict[str, Array]
 
@@ -62,8 +67,7 @@ class JitterbugWorlds(Worlds):
             parts[name][rows] = part[rows]
 
         self.target = Target(**parts)
-        self.has_begun = True
-        return self._flat(self._see(self._robots.reset(quaternions, rows)))
+        return self._begun(self._robots.reset(quaternions, rows))
 
     def read_options(self, options: Mapping[str, Any]) -> Chosen:
         """Returns the targets that {"target": numbers} chooses; see `resets.option_target`."""
@@ -75,15 +79,21 @@ class JitterbugWorlds(Worlds):
     ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Applies actions (worlds, 1); see `Worlds.step`."""
         state = self._robots.step(actions[:, 0])
-        seen = self._see(state)
-        self._terms = reward_terms(self._task, state, self.target, seen)
-        return self._flat(seen), np.asarray(math.prod(self._terms.values()))
+        observations = self._observe(state)
+        self._terms = reward_terms(self._task, state, self._target, self._seen)
+        return observations, self._by_world(math.prod(self._terms.values()))
 
     def info(self) -> dict[str, NDArray[np.float64]]:
         """Returns the entries of `info`, see `describe`; after a reset, of the initial states."""
-        state = self.robot_state
-        terms = self._terms or reward_terms(self._task, state, self.target, self._seen)
-        return describe(self._task, state, self.target, self._seen, terms)
+        if not self._terms:
+            self._terms = reward_terms(self._task, self._state, self._target, self._seen)
+        info = describe(self._task, self._state, self._target, self._seen, self._terms)
+        return {name: self._by_world(value) for name, value in info.items()}
+
+    @property
+    def robot_state(self) -> State:
+        """The state of the robots, with the leading axis (worlds,)."""
+        return State(*map(self._by_world, self._state))
 
     def physics(self, world: int) -> Physics:
         """Returns the robot of a world and its state, with the target where it is."""
@@ -105,8 +115,7 @@ class JitterbugWorlds(Worlds):
         """Restores what `state` returned; the worlds then continue bit for bit."""
         self.target.position[rows] = state["target_position"]
         self.target.yaw[rows] = state["target_yaw"]
-        self.has_begun = True
-        return self._flat(self._see(self._robots.restore(state["simulation"], rows)))
+        return self._begun(self._robots.restore(state["simulation"], rows))
 
     def points(self) -> NDArray[np.float32]:
         """Returns x, y (m) and heading (rad) of each robot (worlds, 3)."""
@@ -136,15 +145,24 @@ class JitterbugWorlds(Worlds):
         position, yaw = self.target
         return {"x": position[:, 0], "y": position[:, 1], "yaw": yaw}
 
-    def _see(self, state: State) -> dict[str, Array]:
-        """Returns the features of a new state of the robots, in SI units."""
-        self.robot_state = state
-        self._seen = features(self._task, state, self.target)
+    def _begun(self, state: State) -> NDArray[np.float32]:
+        """Returns the observations of a new state of the robots and of new targets."""
+        position, yaw = self.target
+        axes = self._robots.axes
+        self._target = Target(position.reshape(*axes, 3), yaw.reshape(axes)[()])
+        self.has_begun = True
         self._terms = {}
-        return self._seen
+        return self._observe(state)
 
-    def _flat(self, seen: dict[str, Array]) -> NDArray[np.float32]:
-        return np.asarray(flatten(self._task, seen), np.float32)
+    def _observe(self, state: State) -> NDArray[np.float32]:
+        """Returns the observations (worlds, size) of a new state of the robots."""
+        self._state = state
+        self._seen = features(self._task, state, self._target)
+        return self._by_world(np.asarray(flatten(self._task, self._seen), np.float32))
+
+    def _by_world(self, values: Array) -> NDArray[Any]:
+        """Returns values of the robots, which may lack a leading axis, with that of the worlds."""
+        return np.asarray(values if self._robots.axes else values[None])
 
 
 class JitterbugWorld(JitterbugWorlds):

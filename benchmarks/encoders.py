@@ -29,7 +29,7 @@ from torch import Tensor, nn
 from torch.utils.data import DataLoader, TensorDataset
 
 from jbench.cores import one_thread
-from jbench.datasets import layout
+from jbench.datasets.jitterbug import steps_table
 from jbench.devices import find_device
 from jbench.encoders.kind import Learned
 from jbench.encoders.loop import EncoderLearner
@@ -185,7 +185,7 @@ def make_dataset(path: Path, episodes: int) -> None:
         targets = {name: np.zeros(FILE_EPISODES) for name in schema.DATASET_EPISODES.names}
         record.append(
             {
-                "steps": layout.steps_table(first, state, actions),
+                "steps": steps_table(first, state, actions),
                 "dataset_episodes": pa.table(targets | {"episode": numbers}).cast(
                     schema.DATASET_EPISODES
                 ),

@@ -12,8 +12,6 @@ from jbench.commands.policies import database_and_policy
 from jbench.errors import RequestError
 from jbench.wording import counted, repair_hint
 
-_TASK = "face_direction"
-
 _OPTIONS = {
     "onnx": ("RUN", "--inputs", "--format", "--out"),
     "minari": ("--dataset", "--task", "--format", "--out"),
@@ -185,10 +183,10 @@ def _dataset(dataset: str | None, task: str | None, out: Path | None, results: P
     """Writes a dataset for offline reinforcement learning (Minari)."""
     from jbench.datasets import find_dataset
     from jbench.datasets.export import export_minari
-    from jbench.settings.records import JITTERBUG
 
-    source = find_dataset(parsing.results_to_write(results), dataset, task or _TASK)
-    task = task or (_TASK if source.robot == JITTERBUG else source.robot)
+    named = {} if task is None else {"task": task}
+    source = find_dataset(parsing.results_to_write(results), dataset, **named)
+    task = task or source.layout.task
     root = out or results / "minari"
     with output.progress(f"export {task}", source.episodes, "episodes") as progress:
         id, size = export_minari(source, task, root, progress)

@@ -6,15 +6,14 @@ from collections.abc import Callable
 import numpy as np
 import pyarrow as pa
 
-from jbench.datasets import ending, layout
+from jbench.datasets import ending
 from jbench.datasets.ending import Episode
+from jbench.datasets.observations import EPISODES, SEEDS, STEPS, observations_schema
 from jbench.settings.records import DatasetSettings
 from jbench.store import Record
-from jbench.tasks.dm import DmTask
-from jbench.tasks.dm_worlds import DmWorlds
 from jbench.tasks.find import check_specs, find_task
-from jbench.tasks.task import episode_generator
-from jbench.tasks.worlds import EpisodeError
+from jbench.tasks.task import Task, episode_generator
+from jbench.tasks.worlds import EpisodeError, Worlds
 
 _PART_STEPS = 10_000  # control steps per file and commit
 
@@ -30,10 +29,10 @@ def collect_ending(
     """
     check_specs(settings.robot, settings.specs)
     task = find_task(settings.robot)
-    assert isinstance(task, DmTask)
     with contextlib.closing(task.worlds(1)) as worlds:
-        while (done := layout.control_steps(record)) < settings.steps:
-            first = record.rows(layout.tables(task.name)[1])
+        # An episode has one row more than control steps.
+        while (done := record.rows(STEPS) - record.rows(EPISODES)) < settings.steps:
+            first = record.rows(EPISODES)
             part, failure = _part(settings, worlds, first, done, progress)
             if part:
                 record.append(_tables(task, first, part))
@@ -43,7 +42,7 @@ def collect_ending(
 
 def _part(
     settings: DatasetSettings,
-    worlds: DmWorlds,
+    worlds: Worlds,
     first: int,
     done: int,
     progress: Callable[[int], None],
@@ -64,7 +63,7 @@ def _part(
 
 
 def _episode(
-    settings: DatasetSettings, worlds: DmWorlds, random: np.random.Generator, most: int
+    settings: DatasetSettings, worlds: Worlds, random: np.random.Generator, most: int
 ) -> Episode:
     """Returns an episode of random actions in one world, of `most` control steps or fewer."""
     size = find_task(settings.robot).action_size
@@ -87,11 +86,10 @@ def _episode(
     )
 
 
-def _tables(task: DmTask, first: int, part: list[Episode]) -> dict[str, pa.Table]:
-    steps, seeds = layout.tables(task.name)
+def _tables(task: Task, first: int, part: list[Episode]) -> dict[str, pa.Table]:
     numbers = list(range(first, first + len(part)))
     columns = {"episode": numbers, "seed": [episode.seed for episode in part]}
     return {
-        steps: ending.table(first, part, layout.observations_schema(task)),
-        seeds: pa.table(columns, schema=layout.SEEDS),
+        STEPS: ending.table(first, part, observations_schema(task)),
+        EPISODES: pa.table(columns, schema=SEEDS),
     }

@@ -17,23 +17,11 @@ from jbench.datasets.ending import EndingBlock
 from jbench.datasets.reader import Dataset
 from jbench.errors import RequestError, WorkError
 from jbench.registration import environment_id
-from jbench.settings.records import JITTERBUG
 from jbench.store import locks
 from jbench.store.files import make_directory
 from jbench.tasks.find import find_task
 
 _OVERHEAD = 1.5  # upper bound of file size over the size of the arrays; 1.2 is measured
-
-
-def minari_id(dataset: Dataset, task: str) -> str:
-    """Returns Minari's id of a dataset, such as jitterbug/face_direction/random-s00-1f9a2c4e-v0.
-
-    That of another robot is such as jbench/dmc-cheetah-run/random-s00-59ba1e20-v0.
-    """
-    if dataset.robot == JITTERBUG:
-        return f"jitterbug/{task}/{dataset.id.replace('/', '-')}-v0"
-    robot, _, name = dataset.id.partition("/")
-    return f"jbench/{robot.replace('.', '-')}/{name.replace('/', '-')}-v0"
 
 
 def export_minari(
@@ -59,7 +47,7 @@ def export_minari(
         )
 
     dataset.check_task(task)
-    id = minari_id(dataset, task)
+    id = dataset.layout.minari_id(dataset.id, task)
     path = root / id
     temporary = path.with_name(f".writing-{path.name}")
     if path.exists():

@@ -1,56 +1,109 @@
-"""The columns of datasets.
+"""What the datasets of a robot are like: their tables, how they are collected and read.
 
-Those of the Jitterbug have states and actions, and per episode the targets of every task. Those of
-another robot have its observations, actions and rewards, and per episode its seed.
+Steps are rows of whole episodes, each a state and the action that follows it; the last state of an
+episode has no action. Another table has a row for each episode.
 """
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from jbench.datasets.ending import ENDS
-from jbench.settings.records import JITTERBUG
-from jbench.store import Record
-from jbench.store.schema import STATE_COLUMNS, STEPS
-from jbench.tasks.jitterbug.geometry import TARGET_HEIGHT, State, Target
-from jbench.tasks.task import Task
+from jbench.settings.records import DatasetSettings
+from jbench.store import Record, Results
+from jbench.store.planned import Planned
 
 Float = NDArray[np.float32]
 
-SEEDS = pa.schema([("episode", pa.int32()), ("seed", pa.int64())])
-"""Episodes of a dataset of another robot: the seed from which each begins."""
 
+class Block(NamedTuple):
+    """Episodes of a dataset with the observations and rewards of one task, in float32.
 
-def tables(robot: str) -> tuple[str, str]:
-    """Returns the names of the tables of a robot's datasets: of the steps, and of the episodes."""
-    return ("steps", "dataset_episodes") if robot == JITTERBUG else ("observations", "seeds")
-
-
-def control_steps(record: Record) -> int:
-    """Returns the control steps of the committed episodes of a dataset."""
-    steps, episodes = tables(record.settings.get("robot", JITTERBUG))
-    return record.rows(steps) - record.rows(episodes)  # an episode has one row more than steps
-
-
-def observations_schema(task: Task) -> pa.Schema:
-    """Returns the columns of the steps of another robot: an action and its reward are null last.
-
-    Those of a task whose episodes may end early say how they ended.
+    Attributes:
+        observations: (episodes, 1001, dim(O)), the last after the last action.
+        actions: (episodes, 1000); of another robot (episodes, 1000, action_size).
+        rewards: (episodes, 1000), at the end of each control step.
     """
-    names = [*task.labels, *task.action_labels, "reward"]
-    counts = [("episode", pa.int32()), ("step", pa.int16())]
-    ends = [(name, pa.bool_()) for name in ENDS] if task.ends_early else []
-    return pa.schema([*counts, *((name, pa.float32()) for name in names), *ends])
+
+    observations: Float
+    actions: Float
+    rewards: Float
+
+    @property
+    def states(self) -> Float:
+        """The observations, as `EndingBlock` has them."""
+        return self.observations
 
 
-def steps_table(first_episode: int, state: State, actions: Float) -> pa.Table:
-    """Returns the rows of episodes: states (episodes, steps + 1), actions (episodes, steps)."""
-    parts = (
-        np.reshape(getattr(state, part), (*state.motor_position.shape, len(names)))
-        for part, names in STATE_COLUMNS.items()
-    )
-    states = np.concatenate([part.astype(np.float32) for part in parts], axis=-1)
-    return table(first_episode, states, actions[..., None], STEPS)
+class Layout(ABC):
+    """The datasets of a robot; `by_robot.find_layout` has that of a name.
+
+    Attributes:
+        steps: name of the table of states and actions.
+        episodes: name of the table with a row for each episode.
+        task: the one whose observations are read if no other is named.
+        option: what names the robot in a command line, with a space before it.
+        of_robot: the same in a sentence.
+    """
+
+    steps: ClassVar[str]
+    episodes: ClassVar[str]
+    task: str
+    option: str = ""
+    of_robot: str = ""
+
+    def control_steps(self, record: Record) -> int:
+        """Returns the control steps of the committed episodes of a dataset."""
+        # An episode has one row more than control steps.
+        return record.rows(self.steps) - record.rows(self.episodes)
+
+    @property
+    @abstractmethod
+    def ends_early(self) -> bool:
+        """Whether episodes may end before the time limit."""
+
+    def code(self) -> dict[str, Any]:
+        """Returns the provenance of the robot's code, if it is not jbench's."""
+        return {}
+
+    def notes(self) -> dict[str, Any]:
+        """Returns what records note of the robot, see `tasks.find.episode_provenance`."""
+        return {}
+
+    def plan(self, settings: DatasetSettings, results: Results) -> Planned:
+        """Returns settings with the id of a recorded dataset of the same code, if there is one."""
+        return Planned(settings, [])
+
+    @abstractmethod
+    def collect(
+        self,
+        settings: DatasetSettings,
+        record: Record,
+        threads: int,
+        progress: Callable[[int], None],
+    ) -> None:
+        """Collects the episodes that a dataset lacks; see `jbench.datasets.collect`."""
+
+    @abstractmethod
+    def columns(self, task: str) -> tuple[pa.Schema, pa.Schema]:
+        """Returns the columns of both tables that the observations of a task need."""
+
+    @abstractmethod
+    def flaw(
+        self, steps: pa.Table, episodes: pa.Table, part: range, episode_steps: int
+    ) -> str | None:
+        """Returns a problem of the rows of some episodes, to follow "holds"; None if valid."""
+
+    @abstractmethod
+    def block(self, task: str, steps: pa.Table, episodes: pa.Table, episode_steps: int) -> Block:
+        """Returns observations and rewards of a task from the rows of episodes of one length."""
+
+    @abstractmethod
+    def minari_id(self, dataset: str, task: str) -> str:
+        """Returns Minari's id of the dataset with an id, with the observations of a task."""
 
 
 def table(first_episode: int, states: Float, made: Float, columns: pa.Schema) -> pa.Table:
@@ -76,8 +129,7 @@ def table(first_episode: int, states: Float, made: Float, columns: pa.Schema) ->
 def flaw(steps: pa.Table, targets: pa.Table, episodes: range, episode_steps: int) -> str | None:
     """Returns a problem of the rows of whole episodes, to follow "holds"; None if they are valid.
 
-    The episodes have the expected numbers; the rows are of `STEPS` or `observations_schema`, and of
-    `DATASET_EPISODES` or `SEEDS`.
+    The episodes have the expected numbers; the rows have the columns of a `Layout`.
     """
     made = [name for name in steps.column_names if name.startswith("action") or name == "reward"]
     numbers = np.arange(episodes.start, episodes.stop)
@@ -99,21 +151,3 @@ def flaw(steps: pa.Table, targets: pa.Table, episodes: range, episode_steps: int
                 return "NaN or infinite values"
 
     return None
-
-
-def read_state(rows: pa.Table, episode_steps: int) -> State:
-    """Returns the states (episodes, steps + 1) of rows of whole episodes, in float32."""
-    parts = {}
-    for part, names in STATE_COLUMNS.items():
-        columns = [rows[name].to_numpy().reshape(-1, episode_steps + 1) for name in names]
-        parts[part] = np.stack(columns, -1) if len(names) > 1 else columns[0]
-    return State(**parts)
-
-
-def read_target(task: str, rows: pa.Table, states: int) -> Target:
-    """Returns the targets (episodes, states) of a task, in float32."""
-    x, y, yaw = (
-        np.broadcast_to(column.to_numpy().astype(np.float32)[:, None], (len(rows), states))
-        for column in (rows[f"{task}_target_{part}"] for part in ("x", "y", "yaw"))
-    )
-    return Target(np.stack([x, y, np.full_like(x, TARGET_HEIGHT)], -1), yaw)

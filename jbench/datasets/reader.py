@@ -2,45 +2,27 @@
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from jbench.datasets import ending, layout
+from jbench.datasets import ending
+from jbench.datasets.by_robot import find_layout, robot_of
+from jbench.datasets.layout import Block
 from jbench.errors import RequestError, WorkError
 from jbench.names import TASKS
 from jbench.settings.base import validated
-from jbench.settings.records import JITTERBUG, DatasetSettings, episode_steps
-from jbench.store import Record, Results, schema
+from jbench.settings.records import DatasetSettings
+from jbench.store import Record, Results
 from jbench.store.code import ChangedCodeError, changed_files, since_recorded
 from jbench.store.manifest import FileEntry
 from jbench.store.shipped import results_to_read
-from jbench.tasks.find import check_specs, code_provenance, dataset_robot, find_task
-from jbench.tasks.jitterbug import features, rewards
+from jbench.tasks.find import check_specs, find_task
+from jbench.tasks.task import Task
 from jbench.wording import with_results
-
-
-class Block(NamedTuple):
-    """Episodes of a dataset with the observations and rewards of one task, in float32.
-
-    Attributes:
-        observations: (episodes, 1001, dim(O)), the last after the last action.
-        actions: (episodes, 1000); of another robot (episodes, 1000, action_size).
-        rewards: (episodes, 1000), at the end of each control step.
-    """
-
-    observations: NDArray[np.float32]
-    actions: NDArray[np.float32]
-    rewards: NDArray[np.float32]
-
-    @property
-    def states(self) -> NDArray[np.float32]:
-        """The observations, as `EndingBlock` has them."""
-        return self.observations
 
 
 class Dataset:
@@ -58,17 +40,17 @@ class Dataset:
             DatasetSettings, f"the dataset {record.id} in {record.path}", **record.settings
         )
         self.robot = self.settings.robot
-        self._tables = layout.tables(self.robot)
-        counts = (entry.rows for entry in record.parts(self._tables[1]))
+        self.layout = find_layout(self.robot)
+        counts = (entry.rows for entry in record.parts(self.layout.episodes))
         bounds = [*itertools.accumulate(counts, initial=0)]
         self.episodes = bounds[-1]
         self.parts = tuple(range(*pair) for pair in itertools.pairwise(bounds))
-        self.control_steps = layout.control_steps(record)
+        self.control_steps = self.layout.control_steps(record)
 
     @property
     def has_one_length(self) -> bool:
         """Whether no episode ended before the time limit of its task."""
-        if self.robot == JITTERBUG or not find_task(self.robot).ends_early:
+        if not self.layout.ends_early:
             return True
         return self.control_steps == self.episodes * self.settings.episode_steps
 
@@ -95,7 +77,8 @@ class Dataset:
     ) -> Iterator[tuple[range, FileEntry, FileEntry]]:
         """Yields the episodes of each part, and its files."""
         self.check_task(task)
-        steps, episodes = (self.record.parts(table) for table in self._tables)
+        steps = self.record.parts(self.layout.steps)
+        episodes = self.record.parts(self.layout.episodes)
         if len(steps) != len(episodes):
             raise WorkError(f"The manifest of the dataset {self.id} lacks files; collect it again.")
         for part in range(len(self.parts)) if parts is None else parts:
@@ -120,60 +103,36 @@ class Dataset:
 
     def check_task(self, task: str) -> None:
         """Raises a RequestError if it has no observations of a task."""
-        if dataset_robot(find_task(task)).get("robot", JITTERBUG) != self.robot:
+        if find_task(task).robot != self.robot:
             raise RequestError(
                 f"The dataset {self.id} is of {self.robot}, not of {task}; name another with "
                 f"--dataset, or type jbench collect --task {task}."
             )
-        if self.robot != JITTERBUG:
-            check_specs(task, self.settings.specs)
+        check_specs(task, self.settings.specs)
 
     def _checked_rows(
         self, task: str, part: range, steps: FileEntry, episodes: FileEntry
     ) -> tuple[pa.Table, pa.Table]:
         """Returns the rows of a part's steps and episodes; a WorkError if they are not valid."""
-        columns = schema.STEPS, schema.DATASET_EPISODES
-        find_flaw: Callable[[pa.Table, pa.Table, range, int], str | None] = layout.flaw
-        if self.robot != JITTERBUG:
-            columns = layout.observations_schema(find_task(task)), layout.SEEDS
-            if find_task(task).ends_early:
-                find_flaw = ending.flaw
-
-        rows, targets = map(self.record.read_part, (steps, episodes), columns)
-        flaw = find_flaw(rows, targets, part, self.settings.episode_steps)
+        columns = self.layout.columns(task)
+        rows, of_episodes = map(self.record.read_part, (steps, episodes), columns)
+        flaw = self.layout.flaw(rows, of_episodes, part, self.settings.episode_steps)
         if flaw is not None:
             raise WorkError(
                 f"{steps.name} of the dataset {self.id} holds {flaw}; collect it again after "
                 f"deleting {self.record.path}."
             )
-        return rows, targets
+        return rows, of_episodes
 
     def _block(self, task: str, part: range, steps: FileEntry, episodes: FileEntry) -> Block:
         """Returns the episodes of one file, with the observations of a task."""
-        rows, targets = self._checked_rows(task, part, steps, episodes)
-        if find_task(task).ends_early:
-            return Block(*ending.block(rows, find_task(task).observation_size)[:3])
-
-        if self.robot != JITTERBUG:
-            values = np.stack([column.to_numpy() for column in rows.columns[2:]], axis=-1)
-            values = values.reshape(len(part), self.settings.episode_steps + 1, -1)
-            observations, made = np.split(values, [find_task(task).observation_size], axis=-1)
-            arrays = observations, made[:, :-1, :-1], made[:, :-1, -1]
-            return Block(*map(np.ascontiguousarray, arrays))
-
-        state = layout.read_state(rows, self.settings.episode_steps)
-        target = layout.read_target(task, targets, self.settings.episode_steps + 1)
-
-        return Block(
-            features.observation(task, state, target),
-            rows["action"].to_numpy().reshape(-1, self.settings.episode_steps + 1)[:, :-1],
-            rewards.reward(task, state, target)[:, 1:],
-        )
+        rows, of_episodes = self._checked_rows(task, part, steps, episodes)
+        return self.layout.block(task, rows, of_episodes, self.settings.episode_steps)
 
 
-def _small(robot: str) -> int:
-    """Returns the control steps of a small dataset of a robot: whole episodes."""
-    length = episode_steps(None if robot == JITTERBUG else find_task(robot).specs)
+def _small(task: Task) -> int:
+    """Returns the control steps of a small dataset of a task: whole episodes."""
+    length = task.episode_steps
     return math.ceil(100_000 / length) * length
 
 
@@ -186,9 +145,9 @@ def find_dataset(
     task has changed.
     """
     results = results_to_read(results)
-    robot = dataset_robot(find_task(task)).get("robot", JITTERBUG)
-    option, kind = ("", "") if robot == JITTERBUG else (f" --task {robot}", f" of {robot}")
-    collect = with_results(f"jbench collect{option}", results.name)
+    about = find_task(task)
+    layout = find_layout(about.robot)
+    collect = with_results(f"jbench collect{layout.option}", results.name)
     records, problems = results.scan("dataset")
     if id is not None:
         id = results.complete_id("dataset", id)
@@ -206,13 +165,13 @@ def find_dataset(
 
         return Dataset(record)
 
-    suitable = [r for r in records if r.settings.get("robot", JITTERBUG) == robot]
+    suitable = [record for record in records if robot_of(record) == about.robot]
     finished = [r for r in suitable if r.status == "finished"]
     if not finished:
         reason = f" ({problems[0]})" if problems else ""
         raise RequestError(
-            f"No finished dataset{kind} in {results.name}{reason}; run "
-            f"{collect} first (--steps {_small(robot)} makes a small one)."
+            f"No finished dataset{layout.of_robot} in {results.name}{reason}; run "
+            f"{collect} first (--steps {_small(about)} makes a small one)."
         )
 
     plain = [record for record in finished if record.settings.get("augment") is None]
@@ -222,10 +181,7 @@ def find_dataset(
             f"--dataset: {', '.join(record.id for record in finished)}."
         )
 
-    if robot == JITTERBUG:
-        return Dataset(max(plain, key=lambda record: record.manifest.updated))
-
-    now = code_provenance(robot)
+    now = layout.code()
     changed = {record.id: changed_files(record.manifest.provenance, now) for record in plain}
     newest = max(plain, key=lambda record: (not changed[record.id], record.manifest.updated))
     if files := changed[newest.id]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from jbench.datasets import Dataset
 from jbench.datasets.ending import EndingBlock
-from jbench.datasets.reader import Block
+from jbench.datasets.layout import Block
 from jbench.encoders.pairs import Followed, Shard
 from jbench.encoders.scaling import FloatArray, Moments, Scaling, physical_scaling
 from jbench.errors import RequestError

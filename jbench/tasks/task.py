@@ -103,6 +103,11 @@ class Task(Protocol):
         return ""
 
     @property
+    def robot(self) -> str:
+        """Name of the robot of its datasets, which other tasks may share."""
+        return self.name
+
+    @property
     def observation_size(self) -> int:
         """Number of values of an observation, the paper's dim(O)."""
         return sum(self.parts.values())

@@ -1,15 +1,10 @@
 """Fixtures of dataset tests: six episodes of random actions in three files."""
 
-import importlib
-
 import pytest
 
-from jbench.datasets import Dataset, collect
+from jbench.datasets import Dataset, collect, fixed
 from jbench.settings.records import DatasetSettings
 from jbench.store import Results
-
-# Imported by name, since the package has a function of the same name.
-collecting = importlib.import_module("jbench.datasets.collect")
 
 
 @pytest.fixture(scope="session")
@@ -18,7 +13,7 @@ def collect_in_files_of():
 
     def collect_in_files(episodes, path, steps, **options):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(collecting, "_PART_EPISODES", episodes)
+            patch.setattr(fixed, "PART_EPISODES", episodes)
             wanted = DatasetSettings(seed=3, steps=steps)
             return collect(wanted, Results(path), **{"threads": 2, **options})
 

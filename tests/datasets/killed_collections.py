@@ -6,7 +6,6 @@ Prints a JSON document: the number of committed episodes at each kill, and the p
 collections, that of an uninterrupted one first.
 """
 
-import importlib
 import json
 import os
 import random
@@ -16,14 +15,12 @@ import time
 from pathlib import Path
 
 from jbench import task_specs
-from jbench.datasets import collect
+from jbench.datasets import collect, fixed
 from jbench.settings.records import DatasetSettings
 from jbench.store import Results
 
-# Imported by name, since the package has a function of the same name.
-collecting = importlib.import_module("jbench.datasets.collect")
 # Two short episodes per file, so that most kills interrupt a write.
-collecting._PART_EPISODES = 2
+fixed.PART_EPISODES = 2
 task_specs.EPISODE_STEPS = 20
 SETTINGS = DatasetSettings(seed=3, steps=30 * 20)
 

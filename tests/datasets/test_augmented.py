@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from jbench import cli
-from jbench.datasets import Dataset, collect, layout
+from jbench.datasets import Dataset, collect
+from jbench.datasets.jitterbug import read_state
 from jbench.names import TASKS
 from jbench.settings.records import DatasetSettings
 from jbench.store import Results
@@ -72,7 +73,7 @@ def test_robot_is_part_of_settings_and_id_only_if_augmented(augmented):
 
 def test_states_equal_simulation_of_augmented_robot(augmented):
     expected, actions = simulate_again(load_model(AUGMENT), 2)
-    found = layout.read_state(augmented.read("steps"), EPISODE)
+    found = read_state(augmented.read("steps"), EPISODE)
     for name in ("position", "velocity", "motor_velocity", "torso_velocity"):
         np.testing.assert_allclose(
             getattr(found, name), getattr(expected, name), rtol=1e-5, atol=1e-6, err_msg=name

@@ -6,7 +6,7 @@ import torch
 
 from jbench.datasets import Dataset, collect, ending
 from jbench.datasets import collect_ending as collecting
-from jbench.datasets.export import export_minari, minari_id
+from jbench.datasets.export import export_minari
 from jbench.encoders.pairs import state_pairs
 from jbench.encoders.states import States
 from jbench.errors import RequestError
@@ -121,8 +121,8 @@ def test_pairs_of_states_are_within_an_episode(dataset):
 def test_minari_has_terminations_and_truncations(dataset, tmp_path, monkeypatch):
     minari = pytest.importorskip("minari")
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
-    export_minari(dataset, LEAVES, tmp_path)
-    loaded = minari.load_dataset(minari_id(dataset, LEAVES))
+    id, _ = export_minari(dataset, LEAVES, tmp_path)
+    loaded = minari.load_dataset(id)
     (block,) = dataset.ending_blocks(LEAVES)
     assert len(loaded) == dataset.episodes
     for episode, length, terminated in zip(

@@ -10,8 +10,9 @@ import pytest
 from dm_control import suite
 
 from jbench.cli import main
-from jbench.datasets import Dataset, collect, find_dataset, layout
-from jbench.datasets.export import export_minari, minari_id
+from jbench.datasets import Dataset, collect, find_dataset
+from jbench.datasets.export import export_minari
+from jbench.datasets.observations import SEEDS
 from jbench.errors import RequestError, WorkError
 from jbench.names import TASKS
 from jbench.registration import environment_id
@@ -44,7 +45,8 @@ def test_minari_loads_observations_and_rewards_of_task(task, dataset, root):
     seen = []
     id, size = export_minari(dataset, task, root, seen.append)
     assert seen == [2, 4, 6]
-    loaded = minari.load_dataset(minari_id(dataset, task))
+    assert id == f"jitterbug/{task}/random-{dataset.id[-12:]}-v0"
+    loaded = minari.load_dataset(id)
     assert (loaded.id, loaded.total_episodes, loaded.total_steps) == (id, 6, 6000)
     expected = [np.concatenate(parts) for parts in zip(*dataset.blocks(task), strict=True)]
     for number, episode in enumerate(loaded):
@@ -64,8 +66,8 @@ def test_minari_loads_observations_and_rewards_of_task(task, dataset, root):
 
 def test_recovered_environment_has_augmented_robot(tmp_path, root):
     record = collect(DatasetSettings(steps=1000, augment=11), Results(tmp_path / "results"), 1)
-    export_minari(Dataset(record), "face_direction", root)
-    loaded = minari.load_dataset(minari_id(Dataset(record), "face_direction"))
+    id, _ = export_minari(Dataset(record), "face_direction", root)
+    loaded = minari.load_dataset(id)
     env = loaded.recover_environment()
     assert env.spec.kwargs["augment"] == 11
     export_minari(Dataset(record), "move_to_pose", root)
@@ -88,7 +90,7 @@ def test_dataset_of_another_robot_is_exported_with_its_own_task(tmp_path, root, 
     assert printed["minari_id"] == f"jbench/dmc-cheetah-run/random-{record.id[-12:]}-v0"
     loaded = minari.load_dataset(printed["minari_id"])
     assert (loaded.total_episodes, loaded.total_steps) == (2, 2000)
-    seeds = record.read("seeds", layout.SEEDS)["seed"].to_pylist()
+    seeds = record.read("seeds", SEEDS)["seed"].to_pylist()
     for episode, seed in zip(loaded, seeds, strict=True):
         # dm_control's own episode of this seed with these actions.
         theirs = suite.load("cheetah", "run", task_kwargs={"random": seed})
@@ -106,7 +108,7 @@ def test_dataset_of_another_robot_is_exported_with_its_own_task(tmp_path, root, 
 
 
 def test_killed_export_is_repeated_and_finished_one_not_overwritten(dataset, root):
-    path = root / minari_id(dataset, "face_direction")
+    path = root / dataset.layout.minari_id(dataset.id, "face_direction")
     left = path.with_name(f".writing-{path.name}") / "data"
     left.mkdir(parents=True)
     (left / "metadata.json").write_text("{}")

@@ -4,7 +4,8 @@ import numpy as np
 import pyarrow as pa
 import torch
 
-from jbench.datasets import Dataset, layout
+from jbench.datasets import Dataset
+from jbench.datasets.jitterbug import steps_table
 from jbench.encoders.kind import Learned
 from jbench.encoders.kinds.planar import planar_weights
 from jbench.encoders.registry import find_kind
@@ -43,7 +44,7 @@ def make_dataset(results, id="random/a", state=None, episodes=5, each=25):
         targets = {name: np.zeros(len(numbers)) for name in schema.DATASET_EPISODES.names}
         record.append(
             {
-                "steps": layout.steps_table(
+                "steps": steps_table(
                     first, State(*(values[part] for values in state)), actions[part]
                 ),
                 "dataset_episodes": pa.table(targets | {"episode": numbers}).cast(

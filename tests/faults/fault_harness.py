@@ -16,7 +16,6 @@ It prints a JSON line for each case: {"verb", "call", "fault", "code", "problems
 
 import errno
 import hashlib
-import importlib
 import json
 import os
 import random
@@ -30,6 +29,7 @@ from tests.faults import short_episodes  # isort: skip  # noqa: F401 - before ot
 
 import pyarrow as pa
 
+from jbench.datasets import fixed
 from jbench.errors import WorkError
 from jbench.store import Results
 from jbench.store.manifest import KINDS
@@ -175,8 +175,7 @@ def run(request):
     import_all()
     engines.seconds_per_step = lambda *_: 1e-3
     executors.subprocess = type("Forking", (), {"Popen": ForkedWorker, "PIPE": -1})
-    collecting = importlib.import_module("jbench.datasets.collect")
-    collecting._PART_EPISODES = 4
+    fixed.PART_EPISODES = 4
     calls, every_error = request.get("calls", CALLS), request.get("every_error", False)
     with tempfile.TemporaryDirectory() as folder:
         for name, fault, expected in cases(request["verbs"], calls, every_error, Path(folder)):

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from jbench.cli import main
-from jbench.datasets.layout import observations_schema
+from jbench.datasets.observations import observations_schema
 from jbench.encoders.kind import Learned
 from jbench.encoders.registry import kind_names, latent_sizes, make_kind
 from jbench.encoders.saved import SavedEncoder

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench import task_specs
+from jbench.settings.records import JITTERBUG
 from jbench.task_specs import CAMERAS, CONTROL_TIMESTEP, TASK_SPECS
 from jbench.tasks.jitterbug import features
 from jbench.tasks.jitterbug.control_laws import Law
@@ -27,6 +28,7 @@ class JitterbugTask(Task):
     cameras = CAMERAS
     default_camera = "tracking"
     scale = "1 check = 1 cm"
+    robot = JITTERBUG
     has_state_within_episode = True
     has_planar_reduction = True
     records_states = True

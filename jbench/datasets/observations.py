@@ -1,0 +1,26 @@
+"""The tables of datasets of other robots, whose episodes have one length or end early."""
+
+import pyarrow as pa
+
+from jbench.datasets.ending import ENDS
+from jbench.tasks.task import Task
+
+STEPS = "observations"
+"""Name of the table of observations, actions and rewards."""
+
+EPISODES = "seeds"
+"""Name of the table with a row for each episode."""
+
+SEEDS = pa.schema([("episode", pa.int32()), ("seed", pa.int64())])
+"""Columns of that table: the seed from which each episode begins."""
+
+
+def observations_schema(task: Task) -> pa.Schema:
+    """Returns the columns of the steps; an action and its reward are null in the last state.
+
+    Those of a task whose episodes may end early say how they ended.
+    """
+    names = [*task.labels, *task.action_labels, "reward"]
+    counts = [("episode", pa.int32()), ("step", pa.int16())]
+    ends = [(name, pa.bool_()) for name in ENDS] if task.ends_early else []
+    return pa.schema([*counts, *((name, pa.float32()) for name in names), *ends])

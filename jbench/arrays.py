@@ -4,6 +4,9 @@ from typing import Any
 
 from array_api_compat import array_namespace
 
+Array = Any
+"""An array of numpy or of torch."""
+
 _known: dict[type, Any] = {}
 
 

@@ -1,6 +1,7 @@
 """Names of tasks, and the five tasks as data; no heavy imports, so help and completion are fast."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 _STATE = ("position", "velocity", "motor_position", "motor_velocity")
 
@@ -87,6 +88,11 @@ def return_range(task: str) -> tuple[float, float] | None:
     """Returns the least and the largest possible return of an episode; None if unknown."""
     is_known = task in TASK_SPECS or task.startswith(SUITE)
     return (0.0, 1000.0) if is_known else None
+
+
+def default_base(task: str) -> Literal["published", "suite"]:
+    """Returns the source of a task's hyperparameters if users name none."""
+    return "published" if task in TASK_SPECS else "suite"
 
 
 def has_specs(task: str) -> bool:

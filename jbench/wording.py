@@ -15,6 +15,11 @@ def progress_text(done: float, planned: float | None) -> str:
     return f"{done:,}" if planned in (None, done) else f"{done:,} of {planned:,}"
 
 
+def padded(number: str, width: int) -> str:
+    """Returns a number with figure spaces before it, which are as wide as digits."""
+    return number.rjust(width, "\N{FIGURE SPACE}")
+
+
 def not_formula(value: Any) -> Any:
     """Returns a value for a CSV file; a formula of a spreadsheet gets a quote before it."""
     if not (isinstance(value, str) and value[:1] in ("=", "+", "-", "@") and len(value) > 1):

@@ -1,18 +1,18 @@
 """The layout of the datasets of a robot by its name."""
 
 from jbench.datasets.jitterbug import JitterbugLayout
-from jbench.datasets.layout import Layout
+from jbench.datasets.layout import DatasetLayout
 from jbench.datasets.other_robots import OtherLayout
 from jbench.settings.records import JITTERBUG
 from jbench.store import Record
 
 
-def find_layout(robot: str) -> Layout:
+def find_layout(robot: str) -> DatasetLayout:
     """Returns the layout of a robot, see `Task.robot`."""
     return JitterbugLayout() if robot == JITTERBUG else OtherLayout(robot)
 
 
-def layout_of(record: Record) -> Layout:
+def layout_of(record: Record) -> DatasetLayout:
     """Returns the layout of a recorded dataset."""
     return find_layout(robot_of(record))
 

@@ -16,7 +16,7 @@ import pyarrow as pa
 
 from jbench.datasets import fixed
 from jbench.datasets.fixed import Part, Simulate, SimulatedSteps, collect_fixed
-from jbench.datasets.layout import Block, Float, Layout, flaw, table
+from jbench.datasets.layout import Block, DatasetLayout, Float, flaw, table
 from jbench.names import TASKS
 from jbench.settings.records import DatasetSettings
 from jbench.store import Record, schema
@@ -27,7 +27,7 @@ from jbench.tasks.jitterbug.simulation import Robots
 from jbench.tasks.task import episode_generator
 
 
-class JitterbugLayout(Layout):
+class JitterbugLayout(DatasetLayout):
     """States, from which each of the five tasks has its observations."""
 
     steps = "steps"

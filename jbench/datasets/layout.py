@@ -38,7 +38,7 @@ class Block(NamedTuple):
         return self.observations
 
 
-class Layout(ABC):
+class DatasetLayout(ABC):
     """The datasets of a robot; `by_robot.find_layout` has that of a name.
 
     Attributes:
@@ -129,7 +129,7 @@ def table(first_episode: int, states: Float, made: Float, columns: pa.Schema) ->
 def flaw(steps: pa.Table, targets: pa.Table, episodes: range, episode_steps: int) -> str | None:
     """Returns a problem of the rows of whole episodes, to follow "holds"; None if they are valid.
 
-    The episodes have the expected numbers; the rows have the columns of a `Layout`.
+    The episodes have the expected numbers; the rows have the columns of a `DatasetLayout`.
     """
     made = [name for name in steps.column_names if name.startswith("action") or name == "reward"]
     numbers = np.arange(episodes.start, episodes.stop)

@@ -10,7 +10,7 @@ import pyarrow as pa
 from jbench.datasets import ending
 from jbench.datasets.collect_ending import collect_ending
 from jbench.datasets.fixed import Part, Simulate, SimulatedSteps, collect_fixed
-from jbench.datasets.layout import Block, Layout, flaw, table
+from jbench.datasets.layout import Block, DatasetLayout, flaw, table
 from jbench.datasets.observations import EPISODES, SEEDS, STEPS, observations_schema
 from jbench.settings.records import DatasetSettings
 from jbench.store import Record, Results
@@ -20,7 +20,7 @@ from jbench.tasks.task import episode_generator
 from jbench.tasks.worlds import EpisodeError
 
 
-class OtherLayout(Layout):
+class OtherLayout(DatasetLayout):
     """Observations and rewards as the task of another robot has returned them."""
 
     steps = STEPS

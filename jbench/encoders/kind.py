@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator
 from torch import Tensor
 
+from jbench.arrays import Array
 from jbench.encoders.pairs import StatePairs, state_pairs
 from jbench.encoders.scaling import Moments
 from jbench.encoders.states import Scale, States
 from jbench.names import EncoderBase
 from jbench.settings.base import Settings, omissible
-from jbench.tasks.jitterbug.geometry import Array
 
 Weights = Mapping[str, Any]  # named float32 arrays, either all numpy or all torch
 

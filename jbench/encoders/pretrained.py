@@ -11,9 +11,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from jbench.arrays import Array
 from jbench.encoders.kind import Fitted, Weights
 from jbench.encoders.states import States
-from jbench.tasks.jitterbug.geometry import Array
 
 _PREFIX = "module."  # of the names of parameters in `_Latents`
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError
 from torch import Tensor
 
+from jbench.arrays import Array
 from jbench.encoders.kind import Kind, Weights
 from jbench.encoders.registry import code_provenance, make_kind
 from jbench.encoders.scaling import Scaling
@@ -20,7 +21,6 @@ from jbench.store import Results
 from jbench.store.code import ChangedCodeError, check_code
 from jbench.store.provenance import shell_command
 from jbench.store.shipped import results_to_read
-from jbench.tasks.jitterbug.geometry import Array
 from jbench.wording import with_results
 
 DESCRIPTION = "encoder.json"

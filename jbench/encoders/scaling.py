@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jbench.tasks.jitterbug.features import denormalize
+from jbench.tasks.find import find_task
 
 FloatArray = NDArray[np.float64]
 
@@ -120,8 +120,9 @@ class Scaling(NamedTuple):
 def physical_scaling(task: str, scaling: Scaling) -> tuple[FloatArray, FloatArray]:
     """Returns (dim(O),) gain and offset: features in SI units = gain * scaled + offset."""
     gain, offset = scaling.half_width_and_center()
-    center = denormalize(task, offset)
-    return denormalize(task, offset + gain) - center, center
+    physical = find_task(task).physical
+    center = np.asarray(physical(offset), np.float64)
+    return physical(offset + gain) - center, center
 
 
 def inverse(values: FloatArray) -> FloatArray:

@@ -8,10 +8,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from jbench.arrays import Array
 from jbench.encoders.saved import Encoder
 from jbench.errors import RequestError
-from jbench.tasks.jitterbug.features import by_dimension, mirrored, observation_size
-from jbench.tasks.jitterbug.geometry import Array
+from jbench.tasks.find import find_task
 
 _MIRRORED = 64  # random observations from which the mirror of latents is found
 _TOLERANCE = 1e-4  # relative to the range of an input; encoders are stored in float32
@@ -86,13 +86,16 @@ def input_mirror(task: str, encoder: Encoder | None) -> tuple[NDArray[Any], NDAr
     their mirror images. A mirror that acts on each input alone either keeps it or reflects it.
 
     Raises:
-        RequestError: if a mirror mixes its latents, or it encodes mirror images itself.
+        RequestError: if no mirror image of the robot is known, a mirror mixes its latents, or the
+            encoder encodes mirror images itself.
     """
+    signs = find_task(task).mirror()
+    if signs is None:
+        raise RequestError(f"No mirror image is known of {task}: mirror must be false.")
     if encoder is None:
-        signs = np.array(by_dimension(task, "mirror"), np.float64)
         return signs, np.zeros_like(signs)
 
-    shape = _MIRRORED, observation_size(task)
+    shape = _MIRRORED, len(signs)
     random = torch.Generator().manual_seed(0)
     observations = 2 * torch.rand(shape, dtype=torch.float64, generator=random) - 1
     if action_signs(encoder, observations) is not None:
@@ -102,7 +105,7 @@ def input_mirror(task: str, encoder: Encoder | None) -> tuple[NDArray[Any], NDAr
         )
 
     inputs = encoder.encode(observations)
-    images = encoder.encode(mirrored(task, observations))
+    images = encoder.encode(observations * torch.from_numpy(signs))
     keeps = (images - inputs).abs().amax(0) < (images + inputs).var(0).sqrt()
     gain = torch.where(keeps, 1.0, -1.0)
     rest = images - gain * inputs

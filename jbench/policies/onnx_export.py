@@ -20,7 +20,6 @@ from jbench.errors import RequestError, WorkError
 from jbench.policies.saved import TrainedAgent
 from jbench.store.files import make_directory, write_atomic
 from jbench.tasks.find import find_task
-from jbench.tasks.jitterbug.features import normalize
 
 _OPSET = 18
 _IR_VERSION = 8  # of 2022, which ONNX Runtime reads from 1.14 on
@@ -104,16 +103,17 @@ def metadata(agent: TrainedAgent, run: str, in_si_units: bool) -> dict[str, str]
 
 def _model(agent: TrainedAgent, run: str, in_si_units: bool) -> onnx.ModelProto:
     """Returns the graph of a policy with its preprocessing."""
+    task = find_task(agent.task)
 
     class Actor(nn.Module):
         def forward(self, inputs: Tensor) -> Tensor:
-            observations = normalize(agent.task, inputs) if in_si_units else inputs
+            observations = task.observed(inputs) if in_si_units else inputs
             actions: Tensor = agent.act(observations)
             return actions
 
     # The exporter warns of operators of torchvision, which is not installed.
     logging.getLogger("torch.onnx._internal.exporter._registration").setLevel(logging.ERROR)
-    example = torch.zeros(2, find_task(agent.task).observation_size)
+    example = torch.zeros(2, task.observation_size)
     shapes = ({0: torch.export.Dim("robots")},)
     options: Any = {
         "input_names": ["observation"],

@@ -14,7 +14,7 @@ import numpy as np
 import safetensors.numpy
 from numpy.typing import NDArray
 
-from jbench.arrays import namespace
+from jbench.arrays import Array, namespace
 from jbench.encoders import Encoder, encoder_code, load_encoder, on_observations
 from jbench.errors import RequestError, WorkError
 from jbench.names import POLICY_FILES
@@ -23,7 +23,6 @@ from jbench.store import Record, Results
 from jbench.store.code import check_code
 from jbench.store.shipped import LEFT_OUT, results_to_read
 from jbench.tasks.find import check_specs, code_provenance, find_task
-from jbench.tasks.jitterbug.geometry import Array
 
 Float = NDArray[np.float32]
 

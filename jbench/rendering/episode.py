@@ -16,7 +16,7 @@ from jbench.policies.find import ActingPolicy
 from jbench.task_specs import CONTROL_TIMESTEP
 from jbench.tasks.find import find_task
 from jbench.tasks.gym import RobotEnv
-from jbench.tasks.jitterbug.features import padded
+from jbench.wording import padded
 
 Picture = NDArray[np.uint8]  # (height, width, 3), red, green and blue in [0, 255]
 

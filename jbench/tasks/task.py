@@ -11,6 +11,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from jbench.arrays import Array
 from jbench.settings.records import Specs
 from jbench.tasks.worlds import Worlds
 
@@ -97,6 +98,17 @@ class Task(Protocol):
     def physical(self, observations: NDArray[np.floating]) -> NDArray[np.floating]:
         """Returns observations (..., dim(O)) in their units."""
         return observations
+
+    def observed(self, physical: Array) -> Array:
+        """Returns the observations (..., dim(O)) of values in their units, numpy or torch."""
+        return physical
+
+    def mirror(self) -> Array | None:
+        """Returns the factors (dim(O),), 1 or -1, of an observation's values in a mirror image.
+
+        None if no mirror image of the robot is known; the action is negated in it.
+        """
+        return None
 
     def goal(self, observation: NDArray[np.floating]) -> str:
         """Describes in words what is left to the goal of an observation (dim(O),)."""

@@ -6,7 +6,12 @@ from pathlib import Path
 import pytest
 
 JBENCH = Path(__file__).parents[2] / "jbench"
-MAY_ASK = ("tasks/", "settings/", "task_specs.py")
+MAY_ASK = ("tasks/", "settings/", "task_specs.py", "datasets/by_robot.py")
+KNOW_THE_JITTERBUG = {
+    "checks/machine.py",  # measures a physics step of it
+    "datasets/jitterbug.py",
+    "encoders/kinds/planar.py",  # its mechanics are known to these encoders
+}
 
 
 def last_name(node):
@@ -15,12 +20,14 @@ def last_name(node):
 
 
 def is_question(node):
-    """Returns whether a comparison is such as `task in TASKS` or `specs is None`."""
+    """Returns whether a comparison is such as `task in TASKS` or `robot == JITTERBUG`."""
     if not isinstance(node, ast.Compare):
         return False
     (right,) = node.comparators[:1]
     if isinstance(node.ops[0], ast.In | ast.NotIn):
         return last_name(right) in ("TASKS", "TASK_SPECS")
+    if last_name(right) == "JITTERBUG":
+        return True
     is_none = isinstance(right, ast.Constant) and right.value is None
     return is_none and last_name(node.left) == "specs"
 
@@ -30,7 +37,13 @@ def questions(source):
 
 
 @pytest.mark.parametrize(
-    "question", ["task in TASKS", "run.task not in names.TASKS", "run.specs is not None"]
+    "question",
+    [
+        "task in TASKS",
+        "run.task not in names.TASKS",
+        "run.specs is not None",
+        "dataset.robot != JITTERBUG",
+    ],
 )
 def test_question_is_found(question):
     assert questions(f"if {question}:\n    pass") == [1]
@@ -45,3 +58,19 @@ def test_only_tasks_and_settings_ask_which_robot_it_is():
         and (lines := questions(path.read_text()))
     }
     assert found == {}
+
+
+def test_few_files_know_the_jitterbug():
+    found = {
+        name
+        for path in JBENCH.rglob("*.py")
+        if not (name := str(path.relative_to(JBENCH))).startswith("tasks/")
+        and "jbench.tasks.jitterbug" in imported(path.read_text())
+    }
+    assert found == KNOW_THE_JITTERBUG
+
+
+def imported(source):
+    """Returns the packages of the modules that a file imports from."""
+    modules = [n.module for n in ast.walk(ast.parse(source)) if isinstance(n, ast.ImportFrom)]
+    return {".".join(module.split(".")[:3]) for module in modules if module}

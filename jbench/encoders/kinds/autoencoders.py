@@ -7,14 +7,13 @@ import torch
 from pydantic import Field
 from torch import Tensor
 
-from jbench.arrays import namespace
+from jbench.arrays import Array, namespace
 from jbench.encoders.kind import Learned, Weights, affine, layers, standard_normal, tanh, tanh_
 from jbench.encoders.pairs import StatePairs
 from jbench.encoders.states import MAX_HORIZON
 from jbench.names import EncoderBase
 from jbench.settings.base import omissible
 from jbench.tasks.find import find_task
-from jbench.tasks.jitterbug.geometry import Array
 
 # Where the yaw rate is in every task's observation, after x, y, z, a quaternion and 5 velocities.
 _YAW_RATE = slice(12, 13)

@@ -7,13 +7,13 @@ import numpy as np
 import torch
 from pydantic import Field
 
+from jbench.arrays import Array
 from jbench.encoders import scaling
 from jbench.encoders.kind import Fitted, Kind, Weights, tanh
 from jbench.encoders.pairs import state_pairs
 from jbench.encoders.scaling import FloatArray, Moments, inverse
 from jbench.encoders.states import MAX_HORIZON, States
 from jbench.tasks.find import find_task
-from jbench.tasks.jitterbug.geometry import Array
 
 _MIN_DYNAMIC_VARIANCE = 1e-9  # relative to the largest variance; smaller ones count as 0
 

@@ -22,7 +22,7 @@ from functools import reduce
 
 import numpy as np
 
-from jbench.arrays import namespace
+from jbench.arrays import Array, namespace
 from jbench.encoders.kind import Fitted, Weights
 from jbench.encoders.scaling import FloatArray, Scaling, physical_scaling
 from jbench.encoders.states import States
@@ -30,7 +30,7 @@ from jbench.task_specs import TASK_SPECS
 from jbench.tasks.find import find_task
 from jbench.tasks.jitterbug import geometry, model
 from jbench.tasks.jitterbug.features import features, observation_size, split
-from jbench.tasks.jitterbug.geometry import Array, State, Target
+from jbench.tasks.jitterbug.geometry import State, Target
 from jbench.tasks.jitterbug.robots import load_model
 
 SIGNS = {

@@ -8,12 +8,12 @@ import torch
 from pydantic import Field
 from torch import Tensor
 
+from jbench.arrays import Array
 from jbench.encoders.kind import Learned, Weights, affine, layers, tanh
 from jbench.encoders.pairs import StatePairs, state_pairs
 from jbench.encoders.scaling import Moments, inverse
 from jbench.encoders.states import MAX_HORIZON, States
 from jbench.tasks.find import find_task
-from jbench.tasks.jitterbug.geometry import Array
 
 
 class Predictive(Learned):

@@ -6,10 +6,10 @@ import torch
 from pydantic import Field
 from torch import Tensor
 
+from jbench.arrays import Array
 from jbench.encoders.kind import Learned, Weights, affine, layers, standard_normal, tanh
 from jbench.encoders.pairs import StatePairs
 from jbench.tasks.find import find_task
-from jbench.tasks.jitterbug.geometry import Array
 
 
 class VariationalAutoencoder(Learned):

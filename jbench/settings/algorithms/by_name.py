@@ -3,8 +3,9 @@
 from collections.abc import Mapping
 from typing import Any
 
+from jbench import task_specs
 from jbench.errors import RequestError
-from jbench.names import TASKS, Base, TimeLimit
+from jbench.names import Base, TimeLimit
 from jbench.settings.algorithms.base import AlgorithmSettings
 from jbench.settings.algorithms.ddpg import DDPGSettings
 from jbench.settings.algorithms.ppo import PPOSettings
@@ -33,7 +34,7 @@ def default_time_limit(base: Base | None) -> TimeLimit:
 
 def default_base(task: str, base: Base | None = None) -> Base:
     """Returns the base as typed; of None, the task's: published for the Jitterbug, else suite."""
-    return base or ("published" if task in TASKS else "suite")
+    return base or task_specs.default_base(task)
 
 
 def algorithm_settings(

@@ -14,10 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jbench.arrays import namespace
+from jbench.arrays import Array, namespace
 from jbench.task_specs import TASK_SPECS
 from jbench.tasks.jitterbug import geometry
-from jbench.tasks.jitterbug.geometry import Array, State, Target
+from jbench.tasks.jitterbug.geometry import State, Target
+from jbench.wording import padded
 
 
 class Feature(NamedTuple):
@@ -189,8 +190,3 @@ def goal(task: str, observation: NDArray[np.floating]) -> str:
 def _centimeters(vector: NDArray[np.float64]) -> str:
     """Returns the horizontal length of a vector in cm."""
     return f"{padded(f'{100 * math.hypot(vector[0], vector[1]):.1f}', 4)} cm"
-
-
-def padded(number: str, width: int) -> str:
-    """Returns a number with figure spaces before it, which are as wide as digits."""
-    return number.rjust(width, "\N{FIGURE SPACE}")

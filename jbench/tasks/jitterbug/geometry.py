@@ -6,11 +6,9 @@ length.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from jbench.arrays import namespace
-
-Array = Any  # A numpy or torch array
+from jbench.arrays import Array, namespace
 
 TARGET_HEIGHT = 0.035  # height of every target, equal to that of the torso's frame at rest (m)
 

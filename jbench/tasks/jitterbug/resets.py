@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from jbench.arrays import Array
 from jbench.errors import RequestError
 from jbench.names import in_prose
 from jbench.task_specs import TASK_SPECS
-from jbench.tasks.jitterbug.geometry import TARGET_HEIGHT, Array, Target
+from jbench.tasks.jitterbug.geometry import TARGET_HEIGHT, Target
 
 Random = np.random.Generator | np.random.RandomState  # dm_control uses the latter
 

@@ -7,10 +7,10 @@ The formulas are those of the paper (section 4.2) in dm_control's reward convent
 import math
 from collections.abc import Callable, Mapping
 
-from jbench.arrays import namespace
+from jbench.arrays import Array, namespace
 from jbench.task_specs import TASK_SPECS
 from jbench.tasks.jitterbug import geometry
-from jbench.tasks.jitterbug.geometry import Array, State, Target
+from jbench.tasks.jitterbug.geometry import State, Target
 
 # A Gaussian that decays to 0.1 at the margin: exp(-(_GAUSSIAN_SCALE * distance / margin)^2 / 2).
 _GAUSSIAN_SCALE = math.sqrt(-2 * math.log(0.1))

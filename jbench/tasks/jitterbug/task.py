@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench import task_specs
+from jbench.arrays import Array
 from jbench.settings.records import JITTERBUG
 from jbench.task_specs import CAMERAS, CONTROL_TIMESTEP, TASK_SPECS
 from jbench.tasks.jitterbug import features
@@ -81,6 +82,14 @@ class JitterbugTask(Task):
         """Returns observations (..., dim(O)) in their units."""
         physical: NDArray[np.floating] = features.denormalize(self.name, observations)
         return physical
+
+    def observed(self, physical: Array) -> Array:
+        """Returns the observations (..., dim(O)) of features in SI units, numpy or torch."""
+        return features.normalize(self.name, physical)
+
+    def mirror(self) -> Array:
+        """Returns the factors (dim(O),) of an observation's features; see `features.mirrored`."""
+        return np.array(features.by_dimension(self.name, "mirror"), np.float64)
 
     def goal(self, observation: NDArray[np.floating]) -> str:
         """Describes distance and direction of the target of an observation (dim(O),)."""

@@ -10,10 +10,11 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from jbench import task_specs
+from jbench.arrays import Array
 from jbench.task_specs import TASK_SPECS
 from jbench.tasks.jitterbug import resets
 from jbench.tasks.jitterbug.features import features, flatten
-from jbench.tasks.jitterbug.geometry import Array, State, Target, distance_to_target, heading
+from jbench.tasks.jitterbug.geometry import State, Target, distance_to_target, heading
 from jbench.tasks.jitterbug.model import yaw_quaternion
 from jbench.tasks.jitterbug.rewards import reward_terms, upright_reward
 from jbench.tasks.jitterbug.simulation import OneRobot, Robots

@@ -78,7 +78,7 @@ DEVICES = ("auto", "cpu", "cuda")
 TimeLimit = Literal["bootstrap", "terminal"]
 """Whether the value of an episode's last state is bootstrapped (truncation) or 0 (terminal)."""
 
-Engine = Literal["batched", "sb3", "plugin"]
+EngineName = Literal["batched", "sb3", "plugin"]
 """Training engines: jbench's (many seeds at a time), stable-baselines3 (one seed at a time), or the
 agent of another package (one seed at a time)."""
 
@@ -117,7 +117,7 @@ STATUSES: tuple[Status, ...] = get_args(Status)
 
 KeepState = Literal["no", "whole", "compact"]  # compact: actions instead of the replay buffer
 
-Executor = Literal["local", "ray"]
+ExecutorName = Literal["local", "ray"]
 
 LoggerName = Literal["tensorboard", "wandb", "trackio"]
 LOGGERS: tuple[LoggerName, ...] = get_args(LoggerName)

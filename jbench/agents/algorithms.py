@@ -13,7 +13,7 @@ from jbench import plugins
 from jbench.agents.batched.rule import Rule
 from jbench.agents.plugin import Agent, AgentSettings
 from jbench.errors import RequestError, WorkError
-from jbench.names import TASKS, Base, Engine, known
+from jbench.names import TASKS, Base, EngineName, known
 from jbench.settings.algorithms import (
     SETTINGS,
     OffPolicySettings,
@@ -164,7 +164,7 @@ def describe_settings(algo: str) -> list[dict[str, Any]]:
     return described
 
 
-def choose_engine(algo: str, wanted: Engine | None = None) -> Engine:
+def choose_engine(algo: str, wanted: EngineName | None = None) -> EngineName:
     """Returns the engine that trains an algorithm, by default the one that follows from it.
 
     Raises:
@@ -178,7 +178,7 @@ def choose_engine(algo: str, wanted: Engine | None = None) -> Engine:
 
     kind = find_class(algo)
     is_rule = issubclass(kind, Rule)
-    engine: Engine = "plugin" if issubclass(kind, Agent) else "batched" if is_rule else "sb3"
+    engine: EngineName = "plugin" if issubclass(kind, Agent) else "batched" if is_rule else "sb3"
     if wanted not in (None, engine):
         raise RequestError(f"{algo} has the engine {engine}, not {wanted}; leave the engine out.")
 
@@ -187,7 +187,7 @@ def choose_engine(algo: str, wanted: Engine | None = None) -> Engine:
 
 def algorithm_fields(
     algo: str,
-    engine: Engine | None = None,
+    engine: EngineName | None = None,
     base: Base | None = None,
     overrides: Mapping[str, Any] | None = None,
     task: str = TASKS[0],

@@ -15,11 +15,11 @@ from jbench.errors import RequestError, WorkError
 from jbench.report.report import write_report
 from jbench.report.request import Request
 from jbench.store import Record, Results, files
-from jbench.store.manifest import Kind
+from jbench.store.manifest import RecordKind
 from jbench.store.verify import verify
 from jbench.studies.rebuilt_matrix import matrix
 
-_KINDS: tuple[Kind, ...] = ("encoder", "run", "evaluation", "import")
+_KINDS: tuple[RecordKind, ...] = ("encoder", "run", "evaluation", "import")
 """Kinds in an archive, those that others refer to first. Datasets are left out: encoders have
 what they learned."""
 

@@ -14,7 +14,7 @@ from jbench.store.merge import Merged
 from jbench.store.verify import Flaw
 from jbench.training.repeat import Repeated
 
-Row = dict[str, Any]
+JsonObject = dict[str, Any]
 """A row of a table; `jbench query "DESCRIBE runs"` and docs/database.md list its columns."""
 
 
@@ -45,8 +45,8 @@ class _Described(BaseModel):
 
     id: str
     path: str
-    settings: Row
-    summary: Row
+    settings: JsonObject
+    summary: JsonObject
 
 
 class RecordEntry(_Described):
@@ -75,33 +75,35 @@ class Encoders(Document):
 
 
 class _Offered(Document):
-    broken: list[Row] = Field(description="those whose package can't be used, with the reason")
+    broken: list[JsonObject] = Field(
+        description="those whose package can't be used, with the reason"
+    )
 
 
 class Algorithms(_Offered):
     """`algorithms`."""
 
-    algorithms: list[Row]
+    algorithms: list[JsonObject]
 
 
 class Tasks(_Offered):
     """`tasks`."""
 
-    tasks: list[Row]
+    tasks: list[JsonObject]
 
 
 class Runs(Document):
     """`runs`; with `--imports`, of imported curves."""
 
-    runs: list[Row] | None = None
-    imports: list[Row] | None = None
+    runs: list[JsonObject] | None = None
+    imports: list[JsonObject] | None = None
     problems: list[str]
 
 
 class Leaderboard(Document):
     """`leaderboard`."""
 
-    entries: list[Row]
+    entries: list[JsonObject]
     problems: list[str]
 
 
@@ -116,7 +118,7 @@ class Train(Document):
 class DryRun(Document):
     """`train --dry-run`: numbers of runs by status, and the seconds left."""
 
-    configurations: list[Row]
+    configurations: list[JsonObject]
     seconds_left: float | None
 
 
@@ -124,7 +126,7 @@ class Sweep(Document):
     """`sweep`."""
 
     matrix: str
-    configurations: list[Row]
+    configurations: list[JsonObject]
     seconds_left: float | None
     made_first: list[str] = Field(description="datasets and encoders")
     failures: dict[str, str]
@@ -134,7 +136,7 @@ class UntilDecided(Document):
     """`sweep --until-decided`."""
 
     matrix: str
-    comparisons: list[Row]
+    comparisons: list[JsonObject]
     needed: list[str] = Field(description="runs of the next analysis")
     failures: dict[str, str]
 
@@ -143,10 +145,10 @@ class Report(Document):
     """`report`."""
 
     headline: str
-    configurations: list[Row]
-    verdicts: list[Row]
-    comparisons: list[Row]
-    claims: list[Row] | None = None
+    configurations: list[JsonObject]
+    verdicts: list[JsonObject]
+    comparisons: list[JsonObject]
+    claims: list[JsonObject] | None = None
     files: list[str]
     notes: list[str]
     problems: list[str]
@@ -277,4 +279,4 @@ class Check(Document):
 class Schemas(Document):
     """`schema` without a name."""
 
-    schemas: dict[str, Row]
+    schemas: dict[str, JsonObject]

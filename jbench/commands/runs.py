@@ -17,7 +17,7 @@ from jbench.wording import are, counted, duration, progress_text, repair_hint
 
 if TYPE_CHECKING:
     from jbench.store.follow import Change
-    from jbench.store.listing import Row
+    from jbench.store.listing import ListedRow
 
 
 _SPARE = ("created", "wall time", "returns", "variant", "episodes", "points", "steps", "status")
@@ -141,7 +141,7 @@ def tail(
         output.say(f"No such runs in {results}.")
 
 
-def _last(rows: list[tuple[str, "Row"]], episodes: int) -> list[tuple[str, "Row"]]:
+def _last(rows: list[tuple[str, "ListedRow"]], episodes: int) -> list[tuple[str, "ListedRow"]]:
     """Returns the rows from the last episodes on."""
     starts = [i for i, (table, _) in enumerate(rows) if table == "episodes"]
     if episodes == 0:

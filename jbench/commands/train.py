@@ -170,7 +170,7 @@ def sweep(
         None,
         help=f"With --until-decided: most seeds of a configuration (default: {names.MAX_SEEDS}).",
     ),
-    executor: names.Executor = Option(
+    executor: names.ExecutorName = Option(
         "local", help="Where runs are trained: local (this machine) or ray (a Ray cluster)."
     ),
     address: str | None = Option(

@@ -21,7 +21,7 @@ from jbench.sweeps.scheduler import Executor, sweep
 from jbench.tasks.find import find_task
 from jbench.training.events import Event
 from jbench.training.status import (
-    State,
+    RunState,
     check_state_can_be_kept,
     failures_among,
     new_beginnings,
@@ -269,7 +269,7 @@ def show_status(
         "steps",
     )
     varied = (name for name in if_varied if len({row[name] for row in rows}) > 1)
-    states = (state for state in get_args(State) if any(row[state] for row in rows))
+    states = (state for state in get_args(RunState) if any(row[state] for row in rows))
     header = ["task", "algo", "representation", *varied, *states]
 
     def time(seconds: float | None) -> str:

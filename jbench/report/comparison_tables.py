@@ -4,7 +4,7 @@ from jbench.report.analysis.claims import paper_claims
 from jbench.report.columns import ALGO, INTERVAL, OBSERVED, SEEDS, TASK
 from jbench.report.data.returns import ratio, signed, steps
 from jbench.report.frames import Frames
-from jbench.report.table import Column, Row, Table, estimate, number, plain
+from jbench.report.table import Column, FrameRow, Table, estimate, number, plain
 from jbench.statistics.bootstrap import DECIDING_SEEDS
 from jbench.studies.deciding import MARGIN
 
@@ -37,7 +37,7 @@ def verdicts_table(frames: Frames) -> Table:
 def decisions_table(frames: Frames) -> Table:
     """Returns the table of what the sequential test decides on the comparisons of studies."""
 
-    def against(row: Row) -> str:
+    def against(row: FrameRow) -> str:
         return ", ".join(filter(None, (row["against"], row["against_words"])))
 
     columns = [

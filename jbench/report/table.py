@@ -14,7 +14,7 @@ from jbench.errors import RequestError
 from jbench.report.data.returns import clean, map_texts, whole
 from jbench.wording import not_formula
 
-Row = Mapping[Any, Any]
+FrameRow = Mapping[Any, Any]
 Form = Callable[[Any], str]
 
 _MARKDOWN = str.maketrans({**{c: f"\\{c}" for c in "\\|`*"}, "<": "&lt;", "&": "&amp;"})
@@ -25,11 +25,11 @@ class Column(NamedTuple):
 
     title: str
     key: str
-    form: Callable[[Row], str]
+    form: Callable[[FrameRow], str]
     numeric: bool = False  # aligned to the right
     note: str = ""  # a sentence on what its heading means
 
-    def text(self, row: Row) -> str:
+    def text(self, row: FrameRow) -> str:
         """Returns the text of a row in one line; empty if the value is unknown."""
         return "" if pd.isna(row[self.key]) else clean(self.form(row))
 
@@ -150,7 +150,7 @@ def number(
 ) -> Column:
     """Returns a column of numbers, with the intervals of these ends: `668 [640, 690]`."""
 
-    def text(row: Row) -> str:
+    def text(row: FrameRow) -> str:
         interval = [row[end] for end in ends]
         known = interval and pd.notna(interval).all() and np.isfinite(interval[0])
         return form(row[key]) + (f" [{', '.join(map(form, interval))}]" if known else "")

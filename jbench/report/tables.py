@@ -15,7 +15,7 @@ from jbench.report.data.configuration import OWN
 from jbench.report.data.returns import FILE, SOLVED, TRAINING, ratio, steps
 from jbench.report.encoders import PREDICTED
 from jbench.report.frames import Frames
-from jbench.report.table import Column, Row, Table, estimate, number, plain
+from jbench.report.table import Column, FrameRow, Table, estimate, number, plain
 from jbench.statistics.bootstrap import DECIDING_SEEDS
 
 _FINAL = {
@@ -59,7 +59,7 @@ def _agent(frames: Frames) -> Column:
 def _with_source(title: str, key: str) -> Column:
     """Returns a column of names that says where the runs of others come from."""
 
-    def text(row: Row) -> str:
+    def text(row: FrameRow) -> str:
         apart = row["source"] not in (OWN, FILE)
         return f"{row['source']}: {row[key]}" if apart else str(row[key])
 
@@ -207,7 +207,7 @@ def _encoders(frames: Frames) -> Table:
 def _runs(frames: Frames) -> Table:
     """Returns the table of single runs."""
 
-    def status(row: Row) -> str:
+    def status(row: FrameRow) -> str:
         known = "" if row["source"] == FILE else str(row["status"])
         return "diverged" if row["diverged"] else known
 

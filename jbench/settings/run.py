@@ -4,7 +4,7 @@ from typing import Any, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from jbench.names import OFE, Engine, Precision, kind_in
+from jbench.names import OFE, EngineName, Precision, kind_in
 from jbench.settings.algorithms import SETTINGS, Algorithm, Foreign
 from jbench.settings.base import omissible, validated
 from jbench.settings.engines import ENGINES
@@ -22,7 +22,7 @@ class RunSettings(TrainedSettings):
     robots: int = omissible(
         1, ge=1, description="number of augmented robots to train on in sequence, from --augment on"
     )
-    engine: Engine = Field(
+    engine: EngineName = Field(
         "batched",
         json_schema_extra={"typed": None},
         description="training engine: batched (many seeds at a time) or sb3 (stable-baselines3) "

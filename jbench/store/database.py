@@ -7,7 +7,7 @@ from pathlib import Path
 from jbench.errors import RequestError, WorkError
 from jbench.names import closest
 from jbench.store import files
-from jbench.store.manifest import ID, MANIFEST, Json, Kind, Manifest
+from jbench.store.manifest import ID, MANIFEST, Json, Manifest, RecordKind
 from jbench.store.record import Folder, Record
 from jbench.wording import with_results
 
@@ -44,7 +44,7 @@ class Results:
         self.name = name or path
         self.may_lack = may_lack
 
-    def folder(self, kind: Kind, id: str) -> Folder:
+    def folder(self, kind: RecordKind, id: str) -> Folder:
         """Returns a folder, which need not exist yet; raises a RequestError for an invalid id."""
         if not ID.fullmatch(id):  # it could lead out of the results directory
             raise RequestError(
@@ -52,15 +52,17 @@ class Results:
             )
         return Folder(self.inside(f"{kind}s/{id}"), kind, id, may_lack=self.may_lack(id))
 
-    def create(self, kind: Kind, id: str, settings: Json, made_on: Json | None = None) -> Record:
+    def create(
+        self, kind: RecordKind, id: str, settings: Json, made_on: Json | None = None
+    ) -> Record:
         """Creates a record, with more provenance, or restarts an unfinished one; see `begin`."""
         return self.folder(kind, id).begin(Manifest.new(kind, id, settings, made_on or {}))
 
-    def find(self, kind: Kind, id: str) -> Record | None:
+    def find(self, kind: RecordKind, id: str) -> Record | None:
         """Returns the record of that id, or None; raises as `folder` and `Folder.read`."""
         return self.folder(kind, id).read()
 
-    def complete_id(self, kind: Kind, text: str) -> str:
+    def complete_id(self, kind: RecordKind, text: str) -> str:
         """Returns the id of the only record whose id begins with a text; else the text itself.
 
         The text may also be the path of the record's directory. Raises a RequestError if it is no
@@ -89,7 +91,7 @@ class Results:
         return RequestError(f"There is no run {id} in {self.name}; {meant}{listing} lists them.")
 
     @contextlib.contextmanager
-    def locked(self, kind: Kind, id: str) -> Iterator[Record | None]:
+    def locked(self, kind: RecordKind, id: str) -> Iterator[Record | None]:
         """Locks a record and yields it, or None if it does not exist yet; raises also as `find`.
 
         Files that an interrupted writer left uncommitted are removed. Raises a HeldError if another
@@ -101,7 +103,7 @@ class Results:
                 record.clean()
             yield record
 
-    def clean(self, kind: Kind, id: str) -> None:
+    def clean(self, kind: RecordKind, id: str) -> None:
         """Removes uncommitted files of a record, unless a process is writing it."""
         with contextlib.suppress(OSError, RequestError, WorkError):
             record = self.find(kind, id)
@@ -109,7 +111,7 @@ class Results:
                 with self.locked(kind, id):
                     pass  # it has removed them
 
-    def scan(self, kind: Kind, beginning: str = "") -> tuple[list[Record], list[str]]:
+    def scan(self, kind: RecordKind, beginning: str = "") -> tuple[list[Record], list[str]]:
         """Returns records whose id begins so, oldest first, and an error for each unreadable."""
         records = list[Record]()
         problems = list[str]()
@@ -123,11 +125,11 @@ class Results:
 
         return sorted(records, key=lambda record: (record.manifest.created, record.id)), problems
 
-    def ids(self, kind: Kind) -> set[str]:
+    def ids(self, kind: RecordKind) -> set[str]:
         """Returns the ids of the readable records of a kind."""
         return {record.id for record in self.scan(kind)[0]}
 
-    def walk(self, kind: Kind, id: str = "") -> Iterator[Folder]:
+    def walk(self, kind: RecordKind, id: str = "") -> Iterator[Folder]:
         """Yields a folder of a kind and all folders below it, sorted; nothing if it does not exist.
 
         Each may have a record, which is not read yet. Symlinks are not followed. Iterative, since
@@ -156,7 +158,7 @@ class Results:
             names = [entry.name for entry in entries if entry.name not in below]
             yield Folder(path, kind, id, names, may_lack=self.may_lack(id))
 
-    def found(self, kind: Kind, id: str) -> Folder:
+    def found(self, kind: RecordKind, id: str) -> Folder:
         """Returns one folder as `walk` does; an empty one if it does not exist."""
         return next(self.walk(kind, id), Folder(self.path / f"{kind}s" / id, kind, id, ()))
 

@@ -12,7 +12,7 @@ import pyarrow as pa
 from jbench.errors import WorkError
 from jbench.store import schema
 from jbench.store.database import Results
-from jbench.store.listing import Row, finite, make_line, matches
+from jbench.store.listing import ListedRow, finite, make_line, matches
 from jbench.store.manifest import MANIFEST
 from jbench.store.record import Record
 
@@ -31,7 +31,7 @@ class Change(NamedTuple):
     record: Record
     is_new: bool
     status_changed: bool
-    rows: list[tuple[str, Row]]
+    rows: list[tuple[str, ListedRow]]
 
 
 class Follower:
@@ -72,7 +72,7 @@ class Follower:
                     yield change
 
 
-def grouped(rows: Sequence[tuple[str, Row]]) -> Iterator[tuple[str, list[Row]]]:
+def grouped(rows: Sequence[tuple[str, ListedRow]]) -> Iterator[tuple[str, list[ListedRow]]]:
     """Yields the table and the rows of an episode (one), an evaluation, or a step's metrics."""
     number = {"episodes": "episode", "evaluations": "evaluation", "metrics": "control_steps"}
     for (table, _), group in groupby(rows, lambda row: (row[0], row[1][number[row[0]]])):
@@ -97,7 +97,7 @@ def _change(record: Record, before: Record | None) -> Change:
 
     status_changed = before is None or record.status != before.status
     # The rows that the run did not have before; only the files that have them are read.
-    rows: list[tuple[str, Row]] = []
+    rows: list[tuple[str, ListedRow]] = []
     for table, columns in schema.LOG_TABLES.items():
         known = 0 if before is None else before.rows(table)
         first = 0

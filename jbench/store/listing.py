@@ -18,14 +18,14 @@ from jbench.store import schema
 from jbench.store.database import Results
 from jbench.store.evaluations import added_returns, evaluation_returns
 from jbench.store.files import DamagedError
-from jbench.store.manifest import MANIFEST, Kind
+from jbench.store.manifest import MANIFEST, RecordKind
 from jbench.store.record import Record
 from jbench.store.roles import CHECKPOINT
 
-Row = dict[str, Any]
+ListedRow = dict[str, Any]
 """Values by column."""
 
-KIND_TABLES: dict[Kind, tuple[str, dict[str, pa.Schema]]] = {
+KIND_TABLES: dict[RecordKind, tuple[str, dict[str, pa.Schema]]] = {
     "run": ("runs", schema.RUN_TABLES),
     "encoder": ("encoders", schema.ENCODER_TABLES),
     "evaluation": ("policy_evaluations", {"policy_episodes": schema.TABLES["policy_episodes"]}),
@@ -35,7 +35,7 @@ KIND_TABLES: dict[Kind, tuple[str, dict[str, pa.Schema]]] = {
 """By kind, the table with a row for each record, and the tables that its files hold."""
 
 
-def make_row(record: Record) -> Row:
+def make_row(record: Record) -> ListedRow:
     """Returns the row of a record, with null for what its manifest lacks.
 
     Raises a DamagedError if a value of its manifest does not fit into its column.
@@ -68,7 +68,7 @@ def _converted(value: Any, field: pa.Field) -> Any:
     return float(value) if field.type == pa.float64() else value
 
 
-def _counted(record: Record) -> Row:
+def _counted(record: Record) -> ListedRow:
     """Returns the columns of a record's row that are specific to its kind."""
     manifest = record.manifest
     if record.kind == "run":
@@ -99,7 +99,7 @@ def list_runs(
     filters: Mapping[str, Collection[Any]],
     returns: bool = False,
     kind: Literal["run", "import"] = "run",
-) -> tuple[list[Row], list[str]]:
+) -> tuple[list[ListedRow], list[str]]:
     """Returns the lines of the runs, oldest first, and an error for each unreadable one.
 
     They are as by `make_line`, but `variant` names the settings in which the listed runs of the
@@ -107,7 +107,7 @@ def list_runs(
     The filters are the allowed values by field of a line.
     """
     records, problems = results.scan(kind)
-    chosen: list[tuple[Record, Row]] = []
+    chosen: list[tuple[Record, ListedRow]] = []
     for record in records:
         try:
             if matches(line := make_line(record), filters):
@@ -120,7 +120,7 @@ def list_runs(
         added, unread = added_returns(results, {record.id: record.settings for record, _ in chosen})
         problems += unread
 
-    lines: list[Row] = []
+    lines: list[ListedRow] = []
     # By algorithm and representation, the settings of each variant.
     variants: dict[tuple[str, str], dict[str, Run]] = {}
     for record, line in chosen:
@@ -170,7 +170,7 @@ def _recorded_steps(record: Record) -> int:
     return last
 
 
-def make_line(record: Record) -> Row:
+def make_line(record: Record) -> ListedRow:
     """Returns the line of a run or an import; null is what is unknown.
 
     Its fields are columns of the table `runs` and: `steps_done`, control steps of the committed
@@ -200,7 +200,7 @@ def make_line(record: Record) -> Row:
     return finite(line)
 
 
-def line_with_returns(record: Record, added: Sequence[NDArray[np.float64]]) -> Row:
+def line_with_returns(record: Record, added: Sequence[NDArray[np.float64]]) -> ListedRow:
     """Returns the line of a record with its final returns; see `added_returns`.
 
     Raises as `make_row`, and a WorkError if rows can't be read: `Record.reading` tries again.
@@ -230,7 +230,7 @@ def line_with_returns(record: Record, added: Sequence[NDArray[np.float64]]) -> R
     return finite(line)
 
 
-def finite(row: Row) -> Row:
+def finite(row: ListedRow) -> ListedRow:
     """Returns a row with null for numbers that are not finite, which JSON does not have."""
     return {
         name: None if isinstance(value, float) and not math.isfinite(value) else value
@@ -238,7 +238,7 @@ def finite(row: Row) -> Row:
     }
 
 
-def matches(line: Row, filters: Mapping[str, Collection[Any]]) -> bool:
+def matches(line: ListedRow, filters: Mapping[str, Collection[Any]]) -> bool:
     """Returns whether each field that is filtered has one of the allowed values."""
     return all(line[name] in values for name, values in filters.items())
 

@@ -27,10 +27,10 @@ MANIFEST = "manifest.json"
 # A part of an id becomes a directory: no separators and no leading dot.
 ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}(?:/[A-Za-z0-9][A-Za-z0-9_.-]{0,99})*")
 
-Kind = Literal["dataset", "encoder", "run", "evaluation", "import"]
+RecordKind = Literal["dataset", "encoder", "run", "evaluation", "import"]
 Json = Mapping[str, Any]
 
-KINDS: tuple[Kind, ...] = get_args(Kind)
+KINDS: tuple[RecordKind, ...] = get_args(RecordKind)
 """Kinds in order of dependence: later ones are made from earlier ones."""
 
 _MAX_BYTES = 1 << 26  # a manifest of 100,000 files has half as many
@@ -102,7 +102,7 @@ class Manifest(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     schema_version: int = SCHEMA_VERSION
-    kind: Kind
+    kind: RecordKind
     id: str
     status: Status = "unfinished"
     settings: Annotated[dict[str, Any], AfterValidator(check_settings)] = Field(
@@ -133,7 +133,7 @@ class Manifest(BaseModel):
         return self.schema_version < SCHEMA_VERSION
 
     @classmethod
-    def new(cls, kind: Kind, id: str, settings: Json, made_on: Json) -> "Manifest":
+    def new(cls, kind: RecordKind, id: str, settings: Json, made_on: Json) -> "Manifest":
         """Returns the manifest of a new record; raises a RequestError if it can't be recorded."""
         dates: Json = dict.fromkeys(("created", "updated"), utc_now())
         made = {**provenance(), **made_on}

@@ -16,7 +16,7 @@ from jbench.store.database import Results
 from jbench.store.manifest import KINDS, MANIFEST
 from jbench.store.quarantine import Quarantine
 from jbench.store.record import Folder, Record
-from jbench.store.verify import Progress, examine, no_progress
+from jbench.store.verify import ShowProgress, examine, no_progress
 
 TIMES = ("wall_time", "processor_time")
 """Columns that may differ between two computations of the same record."""
@@ -35,7 +35,7 @@ class Merged(NamedTuple):
 
 
 def merge(
-    results: Results, sources: Sequence[Results], progress: Progress = no_progress
+    results: Results, sources: Sequence[Results], progress: ShowProgress = no_progress
 ) -> list[Merged]:
     """Merges the sources, which are only read, into the results.
 

@@ -15,7 +15,7 @@ import pyarrow as pa
 from jbench.errors import WorkError
 from jbench.names import Status
 from jbench.store import files, listed, locks, schema
-from jbench.store.manifest import ID, MANIFEST, FileEntry, Json, Kind, Manifest
+from jbench.store.manifest import ID, MANIFEST, FileEntry, Json, Manifest, RecordKind
 from jbench.store.provenance import differences, provenance, utc_now, with_more, with_note
 from jbench.wording import with_results
 
@@ -34,7 +34,7 @@ class Folder:
     """
 
     path: Path
-    kind: Kind
+    kind: RecordKind
     id: str
     names: Collection[str] = (MANIFEST,)
     problem: str | None = None
@@ -112,7 +112,7 @@ class Record:
         return self.folder.path
 
     @property
-    def kind(self) -> Kind:
+    def kind(self) -> RecordKind:
         """What it is a record of."""
         return self.folder.kind
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from jbench.errors import RequestError, WorkError
 from jbench.store import locks
 from jbench.store.database import Results
-from jbench.store.manifest import Kind
+from jbench.store.manifest import RecordKind
 from jbench.store.provenance import shell_command
 from jbench.store.quarantine import Quarantine
 from jbench.store.verify import Flaw, examine
@@ -45,7 +45,9 @@ def repair(results: Results, findings: Sequence[Flaw], dry_run: bool = False) ->
     return Repaired(list(quarantine.moved.items()), left, list(dict.fromkeys(commands)))
 
 
-def _repair_folder(results: Results, kind: Kind, id: str, quarantine: Quarantine) -> list[str]:
+def _repair_folder(
+    results: Results, kind: RecordKind, id: str, quarantine: Quarantine
+) -> list[str]:
     """Repairs a folder unless it is locked; returns the command that makes its record again."""
     looked_at = results.found(kind, id)
     dry_run = quarantine.dry_run

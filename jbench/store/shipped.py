@@ -9,9 +9,9 @@ from typing import get_args
 from jbench.errors import RequestError
 from jbench.names import POLICY_FILES, REFERENCE, SHIPPED_RESULTS, is_reference
 from jbench.store.database import Results
-from jbench.store.manifest import MANIFEST, Kind
+from jbench.store.manifest import MANIFEST, RecordKind
 
-_FOLDERS = [f"{kind}s" for kind in get_args(Kind)]
+_FOLDERS = [f"{kind}s" for kind in get_args(RecordKind)]
 
 LEFT_OUT = (
     "is left out of the installed package; a checkout of jbench's repository has it: type "

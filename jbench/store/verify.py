@@ -17,10 +17,10 @@ from jbench.store import listed, locks, schema
 from jbench.store.database import Results
 from jbench.store.files import DamagedError, RecordError, Sort
 from jbench.store.listing import make_row
-from jbench.store.manifest import KINDS, MANIFEST, Kind
+from jbench.store.manifest import KINDS, MANIFEST, RecordKind
 from jbench.store.record import Folder, Record
 
-Progress = Callable[[int], contextlib.AbstractContextManager[Callable[[int], None]]]
+ShowProgress = Callable[[int], contextlib.AbstractContextManager[Callable[[int], None]]]
 """Takes the total of some work; during the work, yields a function that takes how much is done."""
 
 _MAX_TRIES = 5  # for a record that changes during the check
@@ -30,7 +30,7 @@ class Flaw(NamedTuple):
     """What is wrong: `problem` follows the path in a sentence; `id` is a record's or a folder's."""
 
     sort: Sort
-    kind: Kind
+    kind: RecordKind
     id: str
     path: Path
     problem: str
@@ -63,7 +63,7 @@ def no_progress(total: int) -> contextlib.AbstractContextManager[Callable[[int],
     return contextlib.nullcontext(lambda done: None)
 
 
-def verify(results: Results, threads: int, progress: Progress = no_progress) -> Verified:
+def verify(results: Results, threads: int, progress: ShowProgress = no_progress) -> Verified:
     """Checks a results directory; each thread checks a record, and the progress is in folders."""
     walked = [folder for kind in KINDS for folder in results.walk(kind)]
     checked = []
@@ -87,7 +87,7 @@ def verify(results: Results, threads: int, progress: Progress = no_progress) -> 
     return Verified(len(records), len(sizes), sum(sizes), findings, left_out)
 
 
-def examine(results: Results, kind: Kind, id: str) -> tuple[Record | None, list[Flaw]]:
+def examine(results: Results, kind: RecordKind, id: str) -> tuple[Record | None, list[Flaw]]:
     """Returns a record, if it can be read, and what is wrong with its folder; without warnings.
 
     Unlisted files are reported even if the record is locked, since the caller may hold the lock.
@@ -145,12 +145,15 @@ def _check(folder: Folder) -> tuple[Record | None, list[Flaw]]:
     return record, flaws
 
 
-def _warnings(record: Record, intact: Collection[tuple[Kind, str]]) -> Iterator[Flaw]:
+def _warnings(record: Record, intact: Collection[tuple[RecordKind, str]]) -> Iterator[Flaw]:
     """Yields what is odd about an intact record: missing partners, dates in the future."""
     settings = record.settings
     problems = []
     # The record without which this one is of no use, if there is one.
-    needed: tuple[Kind, Any] = "encoder", settings.get("encoder") if record.kind == "run" else None
+    needed: tuple[RecordKind, Any] = (
+        "encoder",
+        settings.get("encoder") if record.kind == "run" else None,
+    )
     if record.kind == "encoder" and record.status != "finished":
         needed = "dataset", settings.get("dataset")
 

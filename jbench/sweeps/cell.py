@@ -26,7 +26,7 @@ from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.store.follow import POLL_SECONDS
 from jbench.store.locks import HeldError
-from jbench.store.manifest import Kind
+from jbench.store.manifest import RecordKind
 from jbench.studies.arms import Arm, arms
 from jbench.studies.file import named
 from jbench.studies.matrix import Matrix, Parts
@@ -164,7 +164,7 @@ def missing_encoders(
     return [(datasets[id], encoders) for id, encoders in missing.items() if encoders]
 
 
-def is_finished(results: Results, kind: Kind, id: str) -> bool:
+def is_finished(results: Results, kind: RecordKind, id: str) -> bool:
     """Returns whether a record is finished; False if it is damaged, which its writer reports."""
     try:
         record = results.find(kind, id)

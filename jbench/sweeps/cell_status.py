@@ -19,7 +19,7 @@ from jbench.store.provenance import processor
 from jbench.sweeps.cell import Cell
 from jbench.tasks.find import checked_task, find_task
 from jbench.training import engines
-from jbench.training.status import State, run_status
+from jbench.training.status import RunState, run_status
 from jbench.wording import counted, duration
 
 _MIN_REPORTED = 2_000_000_000  # bytes
@@ -70,7 +70,7 @@ def cell_statuses(
         all_statuses.append(
             CellStatus(
                 cell,
-                **{state: states.count(state) for state in get_args(State)},
+                **{state: states.count(state) for state in get_args(RunState)},
                 steps_left=left,
                 seconds_left=None if seconds is None else left * seconds / processes,
                 estimate=source if left else "",

@@ -1,7 +1,6 @@
 """Tasks that a `dm_env.Environment` or a Gymnasium environment implements."""
 
 import math
-import sys
 from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import Any
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.settings.records import Specs
 from jbench.sources import checksum
-from jbench.tasks.dm_worlds import DmWorlds, EnvironmentTask, close
+from jbench.tasks.dm_worlds import DmWorlds, EnvironmentTask, close, may_end_early
 from jbench.tasks.gym_adapter import GymAdapter
 from jbench.tasks.robot_checksum import model_hash, robot_checksum
 from jbench.tasks.task import rollout
@@ -54,11 +53,12 @@ class DmTask(EnvironmentTask):
         self.parts, self.notes = self._read_parts(environment)
         self._minimum, self._maximum = self._read_bounds(environment)
         self.action_size = len(self._minimum)
-        self.ends_early = self.has_state_within_episode = _may_end_early(environment)
+        self.ends_early = self.has_state_within_episode = may_end_early(environment)
         self._check_columns()
         is_gymnasium = isinstance(environment, GymAdapter)
         random = getattr(getattr(environment, "task", None), "random", None)
         self.reseeds = is_gymnasium or isinstance(random, np.random.RandomState)
+        self.has_one_model = self.reseeds
         self.has_unit_rewards = not is_gymnasium
         if not self.reseeds and not takes_random:
             raise self._refusal(
@@ -113,11 +113,6 @@ class DmTask(EnvironmentTask):
             environment.reseed(seed)
         else:
             environment.task.random.seed(seed)
-
-    @property
-    def has_one_model(self) -> bool:  # type: ignore[override]
-        """Whether all episodes of a world have the same model of MuJoCo."""
-        return self.reseeds
 
     def worlds(
         self,
@@ -286,18 +281,6 @@ class DmTask(EnvironmentTask):
 
     def _refusal(self, reason: str) -> RequestError:
         return RequestError(f"jbench can't use the task {self.name}: {reason}.")
-
-
-def _may_end_early(environment: Any) -> bool:
-    """Returns whether an episode of an environment may end before its time limit.
-
-    Only of dm_control's tasks it is known that they never do: those without `get_termination`.
-    """
-    task = getattr(environment, "task", None)
-    base = getattr(sys.modules.get("dm_control.rl.control"), "Task", None)
-    if base is None or not isinstance(task, base):
-        return True
-    return type(task).get_termination is not base.get_termination
 
 
 class _UnnamedError(TypeError):

@@ -5,6 +5,7 @@ observation and reward are Python, so threads would be slower. The state of an e
 and the actions so far, since many tasks write random targets into their model at each reset.
 """
 
+import sys
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -250,3 +251,15 @@ def close(environment: Any) -> None:
     """Closes an environment that can be closed."""
     if callable(close := getattr(environment, "close", None)):
         close()
+
+
+def may_end_early(environment: Any) -> bool:
+    """Returns whether an episode of an environment may end before its time limit.
+
+    Only of dm_control's tasks it is known that they never do: those without `get_termination`.
+    """
+    task = getattr(environment, "task", None)
+    base = getattr(sys.modules.get("dm_control.rl.control"), "Task", None)
+    if base is None or not isinstance(task, base):
+        return True
+    return type(task).get_termination is not base.get_termination

@@ -185,7 +185,7 @@ def rollout(worlds: Worlds, observations: NDArray[np.float32], act: Act) -> Iter
         observations = next_observations
 
 
-class Path(NamedTuple):
+class RobotPath(NamedTuple):
     """Path of a robot in an episode."""
 
     points: NDArray[np.float32]  # (n, 3) x, y (m), heading (rad) every `PATH_EVERY` steps

@@ -16,7 +16,7 @@ from jbench.settings.records import ExternalSettings
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.tasks.find import find_task
-from jbench.tasks.task import PATH_EVERY, Act, Path, episode_generator, rollout
+from jbench.tasks.task import PATH_EVERY, Act, RobotPath, episode_generator, rollout
 from jbench.tasks.worlds import EpisodeError, Worlds
 
 FINAL_EPISODES = 100
@@ -97,7 +97,7 @@ class Evaluation(NamedTuple):
 
     returns: NDArray[np.float64]
     lengths: NDArray[np.int64]
-    path: Path | None
+    path: RobotPath | None
     failure: EpisodeError | None = None
 
 
@@ -171,7 +171,7 @@ def _evaluations(
     for first in range(0, len(total), episodes):
         here = [point[first] for point in points if point is not None]
         target = {name: float(numbers[first]) for name, numbers in targets.items()}
-        path = Path(np.stack(here), target) if here else None
+        path = RobotPath(np.stack(here), target) if here else None
         stopped = [number for number in worlds.failures if number in range(first, first + episodes)]
         failure = worlds.failures[stopped[0]] if stopped else None
         mine = slice(first, first + episodes)

@@ -11,7 +11,7 @@ from pydantic import Field
 from jbench.settings.base import Settings
 from jbench.store import Record, schema
 from jbench.task_specs import CONTROL_TIMESTEP
-from jbench.tasks.task import PATH_EVERY, Path
+from jbench.tasks.task import PATH_EVERY, RobotPath
 
 POLICY_EVALUATION = "policy_evaluation"
 """Key of a finished run's summary: the number of the evaluation that ran the kept policy."""
@@ -95,7 +95,7 @@ class RunLog:
         steps: int,
         returns: Sequence[float],
         lengths: Sequence[int],
-        path: Path | None = None,
+        path: RobotPath | None = None,
     ) -> None:
         """Adds an evaluation, with the path of its first episode; the first and last are kept."""
         number = self.progress.evaluations

@@ -11,7 +11,7 @@ from jbench import plugins
 from jbench.errors import RequestError, WorkError
 from jbench.store import Record
 from jbench.store.code import MODULES, changed_files, changed_since, code_of
-from jbench.store.manifest import Kind
+from jbench.store.manifest import RecordKind
 
 _TASKS = {"dataset": "robot", "run": "task", "evaluation": "task"}
 """The setting that names the task, by kind of record."""
@@ -20,7 +20,7 @@ _TASKS = {"dataset": "robot", "run": "task", "evaluation": "task"}
 class OtherCode(NamedTuple):
     """A record whose code has changed, or is not at hand; `files` are the names of what changed."""
 
-    kind: Kind
+    kind: RecordKind
     id: str
     created: str
     files: tuple[str, ...]

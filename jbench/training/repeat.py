@@ -26,7 +26,7 @@ from jbench.training.engines import acting_as_evaluated
 from jbench.training.evaluation import derive_seeds, evaluate_policies
 from jbench.training.log import POLICY_EVALUATION
 
-Verdict = Literal["equal", "different", "no policy", "not comparable"]
+RepeatVerdict = Literal["equal", "different", "no policy", "not comparable"]
 """Whether returns are the recorded ones, bit for bit; `not comparable`: the record or this
 machine lacks what is needed to repeat its last evaluation."""
 
@@ -43,7 +43,7 @@ class Repeated(NamedTuple):
     """
 
     run: str
-    verdict: Verdict
+    verdict: RepeatVerdict
     reason: str = ""
     control_steps: int | None = None
     recorded: tuple[float, ...] = ()

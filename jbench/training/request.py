@@ -30,7 +30,7 @@ def request_runs(
     seeds: Sequence[int],
     base: names.Base | None,
     overrides: Mapping[str, Any],
-    engine: names.Engine | None = None,
+    engine: names.EngineName | None = None,
     encoder_seeds: names.EncoderSeeds = "newest",
     accept_changed: bool = False,
     **fields: Any,
@@ -135,7 +135,7 @@ def read_representation(results: Results, encoder: str, accept_changed: bool = F
 
 
 def training_device(
-    engine: names.Engine | None, wanted: str, precision: names.Precision = "float32"
+    engine: names.EngineName | None, wanted: str, precision: names.Precision = "float32"
 ) -> str:
     """Returns the device to train on, `cpu`, `cuda` or such as `cuda:1`; see `find_device`.
 

@@ -24,7 +24,7 @@ from jbench.store.provenance import differences, provenance
 from jbench.tasks.find import code_provenance, find_task
 from jbench.wording import are, counted, repair_hint
 
-State = Literal["finished", "unfinished", "failed", "missing"]
+RunState = Literal["finished", "unfinished", "failed", "missing"]
 
 
 class RunStatus(NamedTuple):
@@ -35,7 +35,7 @@ class RunStatus(NamedTuple):
         fails_again: whether a failed run would fail with the same error if it were repeated.
     """
 
-    state: State
+    state: RunState
     steps_left: int
     error: str = ""
     fails_again: bool = False

@@ -3,7 +3,7 @@
 from collections.abc import Collection
 from typing import ClassVar, Self
 
-from jbench.names import Engine, Precision
+from jbench.names import EngineName, Precision
 from jbench.settings.base import Settings
 
 
@@ -21,7 +21,7 @@ class Algorithm(Settings):
     knows_rollouts: ClassVar[bool] = False
 
     @classmethod
-    def engines(cls, name: str) -> tuple[Engine, ...]:
+    def engines(cls, name: str) -> tuple[EngineName, ...]:
         """Returns the engines that may train an algorithm with this name."""
         raise NotImplementedError
 

@@ -13,7 +13,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, model_validator
 
 from jbench.errors import RequestError
-from jbench.names import Base, Engine, Precision
+from jbench.names import Base, EngineName, Precision
 from jbench.settings.algorithms.algorithm import Algorithm
 from jbench.settings.base import Count, Settings, omissible
 
@@ -106,7 +106,7 @@ class AlgorithmSettings(Algorithm):
         return self
 
     @classmethod
-    def engines(cls, name: str) -> tuple[Engine, ...]:
+    def engines(cls, name: str) -> tuple[EngineName, ...]:
         """See `Algorithm.engines`."""
         return ("batched", "sb3")
 

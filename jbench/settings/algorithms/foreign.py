@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from jbench.names import Engine
+from jbench.names import EngineName
 from jbench.settings.algorithms.algorithm import Algorithm
 
 
@@ -15,7 +15,7 @@ class Foreign(Algorithm):
     hyperparameters: dict[str, Any]
 
     @classmethod
-    def engines(cls, name: str) -> tuple[Engine, ...]:
+    def engines(cls, name: str) -> tuple[EngineName, ...]:
         """Only MODULE:CLASS may be a class with the interface of stable-baselines3."""
         return ("batched", "sb3", "plugin") if ":" in name else ("batched", "plugin")
 

@@ -8,8 +8,8 @@ from typing import Any
 from weakref import WeakSet
 
 import mujoco
+import mujoco.batch
 import numpy as np
-from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from jbench.task_specs import PHYSICS_STEPS
@@ -52,7 +52,7 @@ class Robots:
 
     def _start(self, states: NDArray[np.float64]) -> None:
         """Starts threads that step robots with these states."""
-        self._batch = Batch(self._model, len(states), self._threads)
+        self._batch = mujoco.batch.Batch(self._model, len(states), self._threads)
         self._batch.state[:] = states
         self._qpos, self._qvel, self._ctrl = map(self._batch.bind, ("qpos", "qvel", "ctrl"))
 

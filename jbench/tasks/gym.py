@@ -82,8 +82,12 @@ class RobotEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     @property
     def data(self) -> mujoco.MjData:
-        """The state of `model`."""
+        """The state of `model`; another one that is assigned is copied into it."""
         return self._pictures.physics(0).data
+
+    @data.setter
+    def data(self, data: mujoco.MjData) -> None:
+        mujoco.mj_copyData(self.data, self.model, data)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

@@ -145,6 +145,19 @@ def test_state_that_is_set_is_stepped():
     np.testing.assert_allclose(2 * observation[:2], data.qpos[:2], rtol=1e-6)
 
 
+@pytest.mark.parametrize("task", ["move_to_pose", "dmc:pendulum-swingup"])
+def test_state_that_is_assigned_is_stepped(task):
+    env = RobotEnv(task)
+    env.reset(seed=0)
+    before = copy.copy(env.data)
+    first = env.step(np.array([0.5]))[:2]
+    assert env.step(np.array([0.5]))[0].tolist() != first[0].tolist()
+    env.data = before
+    again = env.step(np.array([0.5]))[:2]
+    np.testing.assert_array_equal(again[0], first[0])
+    assert again[1] == first[1]
+
+
 def test_options_that_a_task_does_not_have_are_refused():
     env = RobotEnv("dmc:pendulum-swingup")
     with pytest.raises(RequestError, match="reset has no option target; leave the options out"):

@@ -16,8 +16,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from jbench.report.frames import DEFAULT, Frames
+from jbench.report.latex import to_latex
 from jbench.report.request import Request
-from jbench.report.table import to_csv, to_latex, to_markdown
+from jbench.report.table import to_csv, to_markdown
 from jbench.report.tables import for_paper, tables, without_cells
 from jbench.store.database import Results
 from jbench.store.files import make_directory, open_plain, remove, sha256, write_atomic

@@ -1,4 +1,4 @@
-"""Tables: frames with the columns that people read, as text, Markdown, LaTeX and CSV."""
+"""Tables: frames with the columns that people read, as text, Markdown and CSV."""
 
 import io
 from collections.abc import Callable, Mapping, Sequence
@@ -28,10 +28,18 @@ class Column(NamedTuple):
     form: Callable[[FrameRow], str]
     numeric: bool = False  # aligned to the right
     note: str = ""  # a sentence on what its heading means
+    one: Form | None = None  # the text of a single number, if it has numbers
+    ends: Sequence[str] = ()  # keys of the ends of their intervals
 
     def text(self, row: FrameRow) -> str:
         """Returns the text of a row in one line; empty if the value is unknown."""
         return "" if pd.isna(row[self.key]) else clean(self.form(row))
+
+    def interval(self, row: FrameRow) -> list[Any]:
+        """Returns the ends of the interval of a number; [] if there is none, or it is unknown."""
+        ends = [row[end] for end in self.ends]
+        known = ends and pd.notna(ends).all() and np.isfinite(ends[0])
+        return ends if known else []
 
 
 @dataclass(frozen=True)
@@ -97,48 +105,6 @@ def to_markdown(table: Table) -> str:
     return f"{f'{title} {table.explained(columns)}'.translate(_MARKDOWN)}\n\n{body}\n"
 
 
-def to_latex(table: Table) -> str:
-    """Returns a table for LaTeX's booktabs, whose caption explains its words."""
-    texts = table.texts()
-    right = {column.title for column in table.columns if column.numeric}
-    shown = texts.style.hide(axis="index").format(_latex).format_index(_latex, axis="columns")
-    sides = "".join("r" if name in right else "l" for name in texts)
-    title = table.title if table.title.endswith("?") else f"{table.title}."
-    caption = _latex(f"{title} {table.explained(table.shown()[0])}")
-    latex = shown.to_latex(
-        hrules=True,
-        column_format=sides,
-        position_float="centering",
-        caption=caption,
-        label=f"tab:{table.name.replace('_', '-')}",
-    )
-    return str(latex)
-
-
-_LATEX = str.maketrans(
-    {
-        **{character: f"\\{character}" for character in "&%$#_{}"},
-        "~": r"\textasciitilde{}",
-        "^": r"\textasciicircum{}",
-        "\\": r"\textbackslash{}",
-        "<": r"\textless{}",
-        ">": r"\textgreater{}",
-        "|": r"\textbar{}",
-        '"': "''",
-        "✓": r"$\surd$",
-        "✗": r"$\times$",
-        "\N{EN DASH}": "--",
-        "[": "{[}",
-        "²": "$^2$",
-    }
-)
-
-
-def _latex(text: object) -> str:
-    """Returns a text in which no character is a command of LaTeX."""
-    return str(text).translate(_LATEX)
-
-
 def plain(title: str, key: str | None = None) -> Column:
     """Returns a column of texts."""
     name = key or title
@@ -151,11 +117,11 @@ def number(
     """Returns a column of numbers, with the intervals of these ends: `668 [640, 690]`."""
 
     def text(row: FrameRow) -> str:
-        interval = [row[end] for end in ends]
-        known = interval and pd.notna(interval).all() and np.isfinite(interval[0])
-        return form(row[key]) + (f" [{', '.join(map(form, interval))}]" if known else "")
+        interval = column.interval(row)
+        return form(row[key]) + (f" [{', '.join(map(form, interval))}]" if interval else "")
 
-    return Column(title, key, text, numeric=True, note=note)
+    column = Column(title, key, text, numeric=True, note=note, one=form, ends=ends)
+    return column
 
 
 def estimate(title: str, key: str, form: Form = whole, note: str = "") -> Column:

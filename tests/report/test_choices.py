@@ -51,14 +51,19 @@ def test_latex_table_fits_a_column_and_explains_its_words(fabric, out):
     add_runs(fabric)
     assert report(fabric, out) == 0
     text = (out / "tables" / "final_returns.tex").read_text()
-    assert "\ntask & algorithm & representation & seeds & median \\\\\n" in text
+    header = "algorithm & representation & seeds & \\multicolumn{2}{c}{median}"
+    assert (
+        f"\n{header} \\\\\n\\midrule\n\\multicolumn{{5}}{{@{{}}l}}{{\\emph{{face\\_direction}}}}"
+        in text
+    )
     (caption,) = re.findall(r"\\caption\{(.*)\}", text)
     assert caption.startswith("Final evaluation returns. Mean return of a run's last evaluation")
     assert "95\\% interval" in caption
     assert "IQM" not in caption
     assert report(fabric, out, "--table-columns", "algorithm, IQM,detectable,over the run") == 0
     text = (out / "tables" / "final_returns.tex").read_text()
-    assert "\nalgorithm & IQM & detectable & over the run \\\\\n" in text
+    heads = [f"\\multicolumn{{2}}{{c}}{{{name}}}" for name in ("IQM", "over the run")]
+    assert f"\nalgorithm & {heads[0]} & detectable & {heads[1]} \\\\\n" in text
     for words in ("IQM: mean without", "Detectable: smallest", "Over the run: IQM of"):
         assert words in text
     assert report(fabric, out, "--table-columns", "all") == 0

@@ -3,6 +3,7 @@
 import csv
 import io
 import math
+import re
 
 import numpy as np
 import pandas as pd
@@ -10,7 +11,8 @@ import pytest
 
 from jbench.report.data import returns as words
 from jbench.report.frames import Frames
-from jbench.report.table import Table, estimate, number, plain, to_csv, to_latex, to_markdown
+from jbench.report.latex import to_latex
+from jbench.report.table import Table, estimate, number, plain, to_csv, to_markdown
 from jbench.report.tables import tables
 
 
@@ -49,10 +51,58 @@ def test_markdown_escapes_tags_and_newlines():
 def test_latex_table_uses_booktabs():
     text = to_latex(PLAIN)
     assert r"\caption{Final \& last. " in text
-    assert r"\begin{tabular}{lrr}" in text
-    for rule in (r"\toprule", r"\midrule", r"\bottomrule"):
-        assert text.count(rule) == 1
-    assert r"a\_b & 668 {[}659, 676] & 2 \\" in text
+    assert r"\begin{tabular}{@{}r@{ }lr@{}}" in text
+    for rule, count in ((r"\toprule", 1), (r"\midrule", 2), (r"\bottomrule", 1)):
+        assert text.count(rule) == count
+    assert (
+        "\\multicolumn{2}{c}{median} & n \\\\\n\\midrule\n"
+        "\\multicolumn{3}{@{}l}{\\emph{a\\_b}} \\\\\n668 & {[}659, 676] & 2 \\\\\n\\midrule\n"
+        "\\multicolumn{3}{@{}l}{\\emph{c\\textbar{}d}} \\\\\n &  & 1 \\\\\n"
+    ) in text
+
+
+def latex_rows(made):
+    """Returns the rows of a table in LaTeX, without its commands."""
+    lines = to_latex(made).partition(r"\midrule")[2].partition(r"\bottomrule")[0].splitlines()
+    return [re.split(r" & | \\\\", line)[:-1] for line in lines if "&" in line]
+
+
+@pytest.mark.parametrize(
+    ("values", "written"),
+    [
+        ([668.2, 12.0, 0.254], ["668.2", "12.0", "0.3"]),
+        ([668.2, 12.4], ["668", "12"]),
+        ([1000.0, 899.97], ["1,000.0", "899.9"]),  # below 900
+        ([0.254, -0.031], ["0.254", "-0.031"]),
+        ([12.0, 0.254], ["12.00", "0.25"]),
+        ([5.2, -0.00001, np.nan], ["5.2", "0.0", ""]),
+        ([7.26, np.inf], ["7.3", "infinite"]),
+    ],
+)
+def test_numbers_of_a_column_in_latex_have_as_many_decimals(values, written):
+    made = table([plain("x"), number("median", "median")], x=[*"abc"[: len(values)]], median=values)
+    assert [row[1] for row in latex_rows(made)] == written
+
+
+def test_intervals_in_latex_have_the_decimals_of_their_numbers():
+    columns = [plain("x"), number("difference", "by", words.signed, ("low", "high"))]
+    made = table(columns, x=[*"ab"], by=[14.4, -6.84], low=[-3.14, np.nan], high=[32.0, np.nan])
+    assert [row[1:] for row in latex_rows(made)] == [
+        ["+14.4", "{[}-3.1, +32.0]"],
+        ["-6.8", ""],
+    ]
+
+
+def test_long_names_in_latex_have_several_lines():
+    names = ["dae12-whitened-epochs-800", "full, batch_size=64", "full"]
+    text = to_latex(table(name=names, n=[1, 2, 3]))
+    assert r"\begin{tabular}{@{}p{7em}l@{}}" in text
+    assert "\\raggedright dae12-whitened-epochs-800 & 1 \\\\\n" in text
+    assert "\\raggedright full, batch\\_\\allowbreak{}size=\\allowbreak{}64 & 2 \\\\\n" in text
+    assert "\nfull & 3 \\\\\n" in text
+    # Where it is last, \\ would end a line of it.
+    assert text.count(r"\tabularnewline") == 0
+    assert to_latex(table(n=[1, 2, 3], name=names)).count(r"\tabularnewline") == 4
 
 
 @pytest.mark.parametrize(

@@ -50,6 +50,15 @@ def signed(value: float) -> str:
     return f"{round(value):+,d}" if abs(value) > _ZERO else "0"
 
 
+def fixed(value: float, places: int, sign: str = "-") -> str:
+    """Formats a return with a number of decimals, and a difference with the sign "+"."""
+    if not math.isfinite(value):
+        return whole(value)
+    if sign == "-" and SOLVED - 0.5 <= value < SOLVED:  # as by `whole`
+        value = math.floor(value * 10**places) / 10**places
+    return f"{value:{sign}z,.{places}f}"
+
+
 def rounded(value: float) -> str:
     """Formats a difference of returns without decimals."""
     text = f"{value:+.0f}"

@@ -1,0 +1,175 @@
+r"""Tables for LaTeX's booktabs.
+
+The table of final returns fits a column of a two-column paper: it is in the size of footnotes, a
+task stands once above its rows, and a long name such as dae12-whitened-epochs-800 has several
+lines, which end after a hyphen or another sign.
+
+All numbers of a column have as many decimals, and stand below each other: their intervals are a
+column of their own under the same heading.
+"""
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import pandas as pd
+
+from jbench.report.columns import TASK
+from jbench.report.data.returns import fixed, signed, whole
+from jbench.report.table import Column, Form, FrameRow, Table
+
+_LONG_NAME = 16  # characters; a column with a longer text has lines
+_NAME_WIDTH = "7em"  # of them
+_SENTENCE = 40  # characters; a column with a longer text has sentences
+_SENTENCE_WIDTH = "14em"
+_DIGITS = 4  # of the largest number of a column with decimals
+_SIGNS: dict[Form, str] = {whole: "-", signed: "+"}  # of the numbers that have different decimals
+
+_LATEX = str.maketrans(
+    {
+        **{character: f"\\{character}" for character in "&%$#_{}"},
+        "~": r"\textasciitilde{}",
+        "^": r"\textasciicircum{}",
+        "\\": r"\textbackslash{}",
+        "<": r"\textless{}",
+        ">": r"\textgreater{}",
+        "|": r"\textbar{}",
+        '"': "''",
+        "✓": r"$\surd$",
+        "✗": r"$\times$",
+        "\N{EN DASH}": "--",
+        "[": "{[}",
+        "²": "$^2$",
+    }
+)
+
+
+@dataclass(frozen=True)
+class _Made:
+    """A column of a table as LaTeX has it.
+
+    Attributes:
+        sides: the alignment of its cells.
+        heading: in LaTeX.
+        cells: of each row, in LaTeX.
+        width: 2 for numbers with intervals, else 1.
+    """
+
+    sides: str
+    heading: str
+    cells: Sequence[str]
+    width: int = 1
+
+
+def to_latex(table: Table) -> str:
+    """Returns a table whose caption explains its words."""
+    every, _ = table.shown()
+    rows = table.frame.to_dict("records")
+    has_tasks = len(every) > 1 and every[0].key == TASK.key
+    groups = _groups(every[0], rows) if has_tasks else [""] * len(rows)
+    columns = every[1:] if any(groups) else every
+    made = [_numbers(c, rows) if c.numeric else _texts(c, rows) for c in columns]
+    title = table.title if table.title.endswith("?") else f"{table.title}."
+    # After \raggedright of a last cell, \\ would end a line of that.
+    end = r"\tabularnewline" if made and made[-1].sides.startswith("p") else r"\\"
+    width = sum(column.width for column in made)
+    body = []
+    for group, *cells in zip(groups, *(column.cells for column in made), strict=True):
+        if group:
+            body += [
+                r"\midrule",
+                rf"\multicolumn{{{width}}}{{@{{}}l}}{{\emph{{{_latex(group)}}}}} {end}",
+            ]
+        body.append(f"{' & '.join(cells)} {end}")
+
+    lines = [
+        r"\begin{table}",
+        r"\centering",
+        rf"\caption{{{_latex(f'{title} {table.explained(every)}')}}}",
+        rf"\label{{tab:{table.name.replace('_', '-')}}}",
+        r"\footnotesize",
+        r"\setlength{\tabcolsep}{3pt}",
+        rf"\begin{{tabular}}{{@{{}}{''.join(column.sides for column in made)}@{{}}}}",
+        r"\toprule",
+        f"{' & '.join(column.heading for column in made)} {end}",
+        *([] if any(groups) else [r"\midrule"]),
+        *body,
+        r"\bottomrule",
+        r"\end{tabular}",
+        r"\end{table}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _groups(column: Column, rows: Sequence[FrameRow]) -> list[str]:
+    """Returns the text of a column where a new one begins, else an empty one.
+
+    There is none if rows with one text are not together.
+    """
+    texts = [column.text(row) for row in rows]
+    begins = [text if i == 0 or texts[i - 1] != text else "" for i, text in enumerate(texts)]
+    return begins if len({*texts}) == sum(map(bool, begins)) else [""] * len(texts)
+
+
+def _texts(column: Column, rows: Sequence[FrameRow]) -> _Made:
+    """Returns a column of texts; long ones have several lines."""
+    texts = [column.text(row) for row in rows]
+    longest = max(map(len, texts), default=0)
+    heading = _latex(column.title)
+    if longest <= _LONG_NAME:
+        return _Made("l", heading, [*map(_latex, texts)])
+
+    width = _NAME_WIDTH if longest <= _SENTENCE else _SENTENCE_WIDTH
+    cells = [_breakable(text) if len(text) > _LONG_NAME else _latex(text) for text in texts]
+    return _Made(f"p{{{width}}}", heading, cells)
+
+
+def _numbers(column: Column, rows: Sequence[FrameRow]) -> _Made:
+    """Returns a column of numbers, whose intervals are beside them."""
+    form = _with_equal_decimals(column, rows)
+    heading = _latex(column.title)
+    if form is None or not any(map(column.interval, rows)):
+        texts = [form(row[column.key]) if form else column.text(row) for row in rows]
+        return _Made("r", heading, [*map(_latex, texts)])
+
+    cells = []
+    for row in rows:
+        ends = column.interval(row)
+        interval = f"[{', '.join(map(form, ends))}]" if ends else ""
+        cells.append(f"{_latex(form(row[column.key]))} & {_latex(interval)}")
+
+    return _Made(r"r@{ }l", rf"\multicolumn{{2}}{{c}}{{{heading}}}", cells, width=2)
+
+
+def _with_equal_decimals(column: Column, rows: Sequence[FrameRow]) -> Form | None:
+    """Returns the text of a number of a column, empty for unknown ones; None without numbers.
+
+    Returns have as many decimals as the one that needs most, up to four digits of the largest, and
+    at least one if any has. Other numbers have equally many already.
+    """
+    one = column.one
+    if one is None:
+        return None
+
+    values = [value for row in rows for value in (row[column.key], *column.interval(row))]
+    numbers = [value for value in values if pd.notna(value)]
+    places = max((len(one(value).partition(".")[2]) for value in numbers), default=0)
+    sign = _SIGNS.get(one)
+    if places and sign is not None:
+        largest = max(abs(value) for value in numbers if math.isfinite(value))
+        places = min(places, max(1, _DIGITS - len(f"{largest:.0f}")))
+        return lambda value: "" if pd.isna(value) else fixed(value, places, sign)
+
+    return lambda value: "" if pd.isna(value) else one(value)
+
+
+def _breakable(text: str) -> str:
+    """Returns a text in LaTeX that may break after signs within its words, not only at hyphens."""
+    parts = re.split(r"(?<=[_=/:.,])(?=[^ ])", text)
+    return r"\raggedright " + r"\allowbreak{}".join(map(_latex, parts))
+
+
+def _latex(text: str) -> str:
+    """Returns a text in which no character is a command of LaTeX."""
+    return text.translate(_LATEX)

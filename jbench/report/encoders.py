@@ -11,8 +11,9 @@ from jbench.names import ENCODER_KINDS, TASKS, kind_in, shown_representation
 from jbench.report.analysis.scores import seed_scores
 from jbench.report.data.configuration import ID, Configurations, differing_in, in_order
 from jbench.settings.base import settings_hash
+from jbench.settings.code_words import first_dates
 from jbench.settings.recorded import ENCODER_VARIANT
-from jbench.settings.variants import first_dates, variant_labels
+from jbench.settings.variants import variant_labels
 from jbench.statistics import bootstrap as st
 
 PREDICTED = {n: n.replace("_", " ") for n in ("yaw_rate", "forward_speed", "tilt_rate", "reward")}

@@ -3,13 +3,13 @@
 import json
 import math
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from functools import cache
-from itertools import product
 from typing import Any
 
 from jbench.names import TASKS
 from jbench.settings.algorithms import SETTINGS, algorithm_settings, default_base
+from jbench.settings.code_words import code_word
 from jbench.settings.defaults import BASE, chosen_paths, nearest_base
 from jbench.settings.recorded import COMPARED, VARIANT, Flat, Run, alike, flatten
 from jbench.settings.run import RunSettings
@@ -17,16 +17,9 @@ from jbench.settings.run import RunSettings
 _TABLE = "hyperparameters"
 _NAMED_SETTINGS = 4
 _VALUE_LENGTH = 34
-_CODE_LENGTH = 6
 
 CUT = "…"
 """In names that have no room for all settings."""
-
-DATE = 10
-"""Characters of a date, such as 2026-11-28."""
-
-CODE_WORDS = {"sources": "code", "compiled": "robot", "accepted": "changed code"}
-"""Settings that are checksums of users' code, and what names call them."""
 
 # Settings that a name on all tasks leaves out.
 _SAME_NAME = (*COMPARED, "task", "specs", "encoder", "encoder_draws")
@@ -55,13 +48,15 @@ def variant_labels(
     """
 
     def label(name: str, value: Any) -> str:
-        return _code_word(name, value, dates or {}) or f"{name}={_text(value)}"
+        return code_word(name, value, dates or {}) or f"{name}={_text(value)}"
 
     return _labels(settings, label)
 
 
 def variant_words(
-    settings: Mapping[str, Run], dates: Mapping[str, str] | None = None
+    settings: Mapping[str, Run],
+    dates: Mapping[str, str] | None = None,
+    encoders: Mapping[str, str] | None = None,
 ) -> dict[str, str]:
     """Returns the names of variants of one algorithm and representation in legends.
 
@@ -74,15 +69,17 @@ def variant_words(
     Args:
         settings: by variant.
         dates: of checksums of code.
+        encoders: names of encoders by id, in place of the ids.
     """
 
     def word(name: str, value: Any) -> str:
-        return _word(name, value, dates or {})
+        encoder = encoders.get(str(value)) if encoders and (name,) == _ENCODER else None
+        return encoder or _word(name, value, dates or {})
 
     jitterbug = {v: run for v, run in settings.items() if getattr(run, "specs", None) is None}
     if jitterbug and len(jitterbug) < len(settings):  # their defaults are others
         others = {v: run for v, run in settings.items() if v not in jitterbug}
-        return variant_words(jitterbug, dates) | variant_words(others, dates)
+        return variant_words(jitterbug, dates, encoders) | variant_words(others, dates, encoders)
 
     groups: dict[str, dict[str, Run]] = {}
     for variant, run in settings.items():
@@ -110,44 +107,9 @@ def chosen_words(run: Run) -> str:
     return ", ".join(f"{path[-1]}={value_text(named[path])}" for path in paths)
 
 
-def code_dates(runs: Iterable[tuple[Run, object]]) -> dict[str, str]:
-    """Returns the date of the first run with each checksum of code; runs come with when they began.
-
-    The dates are those of manifests, to the day.
-    """
-    return first_dates(
-        (getattr(holder, name, None), created)
-        for run, created in runs
-        for holder, name in product((run, getattr(run, "specs", None)), CODE_WORDS)
-    )
-
-
-def first_dates(checksums: Iterable[tuple[object, object]]) -> dict[str, str]:
-    """Returns the date of the first record with each checksum, of those that have one.
-
-    Checksums come with when their record was begun.
-    """
-    dates: dict[str, str] = {}
-    for checksum, created in checksums:
-        if isinstance(checksum, str):
-            date = str(created)[:DATE]
-            dates[checksum] = min(date, dates.get(checksum, date))
-
-    return dates
-
-
-def _code_word(name: str, value: Any, dates: Mapping[str, str]) -> str:
-    """Returns the beginning of a checksum of code and its date; nothing for other settings."""
-    kind = CODE_WORDS.get(name.rpartition(".")[2])
-    if kind is None or not isinstance(value, str):
-        return ""
-    date = f" of {dates[value]}" if value in dates else ""
-    return f"{kind} {value[:_CODE_LENGTH]}{date}"
-
-
 def _word(name: str, value: Any, dates: Mapping[str, str]) -> str:
     """Returns a setting in words; nothing for a default."""
-    code = _code_word(name, value, dates)
+    code = code_word(name, value, dates)
     if code:
         return code
     field = RunSettings.model_fields.get(name)

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from jbench.errors import WorkError
 from jbench.returns import evaluation_means, final_return
+from jbench.settings.code_words import code_dates, encoder_words
 from jbench.settings.recorded import Run, Unreadable, read_run, recorded_episode_steps, variant
-from jbench.settings.variants import code_dates, variant_words
+from jbench.settings.variants import variant_words
 from jbench.store import schema
 from jbench.store.database import Results
 from jbench.store.evaluations import added_returns, evaluation_returns
@@ -137,7 +138,9 @@ def list_runs(
 
     begun = ((read_run(record.settings), record.manifest.created) for record, _ in chosen)
     dates = code_dates(begun)
-    words = {names: variant_words(runs, dates) for names, runs in variants.items()}
+    trained = results.scan("encoder")[0] if kind == "run" else []
+    encoders = encoder_words((e.id, e.settings, e.manifest.created) for e in trained)
+    words = {names: variant_words(runs, dates, encoders) for names, runs in variants.items()}
     for line in lines:
         named = words.get((line["algo"], line["representation"]), {})
         line["variant"] = named.get(line["variant"], "")

@@ -10,6 +10,7 @@ from jbench.report.reading import notes_on
 from jbench.report.report import table_files
 from jbench.settings.algorithms import algorithm_settings
 from jbench.store import query
+from jbench.store.listing import list_runs
 
 
 def test_cell_groups_seeds_of_one_setting(fabric):
@@ -39,18 +40,49 @@ def test_cells_follow_order_of_paper_with_full_first(fabric):
     assert found == ordered
 
 
+def with_defaults(**overrides):
+    """Returns settings of a run of TD3 as jbench records them, with other hyperparameters."""
+    return {
+        "engine": "batched",
+        "evaluate_every": 1000,
+        "evaluate_episodes": 2,
+        "hyperparameters": algorithm_settings("td3", overrides=overrides).values,
+    }
+
+
 def test_every_place_names_the_settings_that_are_not_defaults(fabric):
-    values = algorithm_settings("td3", overrides={"batch_size": 64}).values
-    more = {"engine": "batched", "evaluate_every": 1000, "evaluate_episodes": 2}
+    changed = with_defaults(batch_size=64)
     for seed in range(3):
-        fabric.run([500.0] * 3, seed, hyperparameters=values, evaluated={3000: 500.0}, **more)
+        fabric.run([500.0] * 3, seed, evaluated={3000: 500.0}, **changed)
     frames = Frames(fabric.results)
     assert frames.lead(frames.configurations)["label"].tolist() == ["TD3 full, batch_size=64"]
     assert {*frames.curves["label"]} == {"TD3 full, batch_size=64"}
     files = dict(table_files(frames))
-    for ending, written in ((".tex", r"full, batch\_size=64"), (".md", "full, batch_size=64")):
-        assert written in files[f"final_returns{ending}"]
+    assert "full, batch_size=64" in files["final_returns.md"]
+    latex = files["final_returns.tex"].replace(r"\allowbreak{}", "")
+    assert r"full, batch\_size=64" in latex
     assert "batch_size=64" in render(frames, [])
+
+
+def test_runs_that_differ_only_in_the_code_of_their_encoder_are_named_by_it(fabric):
+    for code, seed in (("3f2a91aa", 0), ("07c4d5bb", 0), ("07c4d5bb", 1)):
+        id = f"face_direction/mine6/s0{seed}-{code}"
+        settings = {"kind": "mine:Six", "latents": 6, "seed": seed, "sources": code}
+        record = fabric.results.create("encoder", id, {"task": "face_direction", **settings})
+        record.finish({})
+        for level in (500.0, 600.0):
+            settings = {"representation": "mine6", "encoder": id, **with_defaults()}
+            fabric.run([level] * 3, int(level), **settings)
+
+    today = record.manifest.created[:10]
+    named = {config.words for config in Frames(fabric.results).source.configurations}
+    assert named == {
+        f"code 3f2a91 of {today}",
+        f"code 07c4d5 of {today}",
+        "encoder=face_direction/mine6/s01-07c4d5bb",
+    }
+    lines, _ = list_runs(fabric.results, {})
+    assert {line["variant"] for line in lines} == named
 
 
 def test_longest_run_of_seed_is_used_and_noted(fabric):

@@ -17,8 +17,9 @@ from jbench.report.data.code import note_changes, recorded_code, split_by_code
 from jbench.report.data.configuration import KEY, OWN, Configuration, paper_order
 from jbench.report.data.points import NOTHING, count_divergence, run_points, stacked
 from jbench.report.data.returns import EVALUATION, FILE, TRAINING
+from jbench.settings.code_words import code_dates
 from jbench.settings.recorded import comparable, parse_run
-from jbench.settings.variants import CUT, chosen_words, code_dates, variant_words
+from jbench.settings.variants import CUT, chosen_words, variant_words
 from jbench.statistics import FloatArray, IntArray
 from jbench.statistics.bootstrap import MIN_SEEDS
 from jbench.wording import are, counted
@@ -61,12 +62,17 @@ def divergence(recorded: str | None) -> tuple[float, str]:
 
 
 def build(
-    runs: pd.DataFrame, episodes: pa.Table, evaluations: pa.Table, source: str = OWN
+    runs: pd.DataFrame,
+    episodes: pa.Table,
+    evaluations: pa.Table,
+    source: str = OWN,
+    encoders: Mapping[str, str] | None = None,
 ) -> tuple[list[Configuration], list[str]]:
     """Returns the configurations in the order of the paper, and notes on runs that are in none.
 
     Runs with the same settings have training returns if any has training episodes, and evaluation
     returns if any was evaluated. The tables of episodes and evaluations may contain other runs.
+    `encoders` are names of encoders by id; see `variant_words`.
     """
     tables: dict[ReturnsName, pa.Table] = {TRAINING: episodes, EVALUATION: evaluations}
     points = {kind: run_points(table, kind) for kind, table in tables.items()}
@@ -98,7 +104,7 @@ def build(
     built: list[Configuration] = []
     for _, group in runs[~idle].groupby(["algo", "representation"]):
         words = variant_words(
-            dict(zip(group["settings_variant"], group["typed"], strict=True)), dates
+            dict(zip(group["settings_variant"], group["typed"], strict=True)), dates, encoders
         )
         for _, same in group.groupby(["task", "variant"]):
             same = same.sort_values(_ORDER, ascending=_ASCENDING)

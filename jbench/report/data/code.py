@@ -8,8 +8,8 @@ from typing import Any
 import pandas as pd
 
 from jbench.report.data.configuration import Configuration
+from jbench.settings.code_words import DATE
 from jbench.settings.recorded import comparable, without_code
-from jbench.settings.variants import DATE
 from jbench.store.code import Code, changed_files, code_of, have_changed
 
 

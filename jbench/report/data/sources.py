@@ -1,5 +1,6 @@
 """Sources of a report: the results, imports, the shipped runs, or two sides of a comparison."""
 
+import json
 import math
 from collections import Counter
 from collections.abc import Sequence
@@ -20,6 +21,7 @@ from jbench.report.data.configuration import IMPORTED, OWN, Configuration, paper
 from jbench.report.data.points import PATHS, POINT, run_paths
 from jbench.report.data.returns import EVALUATION, FILE
 from jbench.report.request import Request, setting, settings_typed
+from jbench.settings.code_words import encoder_words
 from jbench.settings.recorded import flatten, parse_run
 from jbench.settings.variants import value_text
 from jbench.statistics import BoolArray
@@ -28,9 +30,8 @@ from jbench.store.evaluations import ADDED, with_added_episodes
 from jbench.store.shipped import results_to_read
 from jbench.wording import are, counted
 
-_RUNS = ("runs", "episodes", "evaluations", "paths")
+_RUNS = ("runs", "episodes", "evaluations", "paths", "encoders")
 _MORE = (
-    "encoders",
     "encoder_errors",
     "encoder_features",
     "encoder_predictions",
@@ -166,8 +167,9 @@ def _source(
     """Returns the configurations of the runs that pass the filters, and what hinders others."""
     # The name of a directory may contain bytes that no table can hold.
     name = name.encode(errors="backslashreplace").decode()
-    known = {table: schema.TABLES[table].empty_table() for table in _MORE} | read.tables
-    tables = {table: known[table].to_pandas(use_threads=False) for table in _MORE}
+    about = ("encoders", *_MORE)
+    known = {table: schema.TABLES[table].empty_table() for table in about} | read.tables
+    tables = {table: known[table].to_pandas(use_threads=False) for table in about}
     runs, unusable = usable_runs(read.tables["runs"])
     if chosen:
         runs = runs[_have_settings(chosen, runs["settings"])]
@@ -178,10 +180,17 @@ def _source(
     paths = run_paths(read.tables.get("paths"), evaluations).assign(source=name)
     episodes = read.tables["episodes"]
     runs = runs.assign(source=name)
-    built, more = build(runs, episodes, evaluations, name) if len(runs) else ([], [])
+    encoders = _encoder_words(tables["encoders"])
+    built, more = build(runs, episodes, evaluations, name, encoders) if len(runs) else ([], [])
     _note_added_episodes(built, evaluations)
     at_end = returns_at_end(runs, evaluations)
     return Source(built, runs, notes + more, [*read.problems, *unusable], tables, paths, at_end)
+
+
+def _encoder_words(encoders: pd.DataFrame) -> dict[str, str]:
+    """Returns the names of encoders that differ only in the code of their kind, by id."""
+    settings = map(json.loads, encoders["settings"])
+    return encoder_words(zip(encoders["encoder"], settings, encoders["created"], strict=True))
 
 
 def returns_at_end(runs: pd.DataFrame, evaluations: pa.Table) -> "pd.Series[float]":

@@ -210,3 +210,13 @@ def test_spare_columns_are_columns(demo_results, tmp_path, monkeypatch):
     titles = {table.name: {column.title for column in table.columns} for table in tables(frames)}
     for name, spare in SPARE.items():
         assert set(spare) <= titles.get(name, set(spare))
+
+
+def test_narrow_leaderboard_keeps_the_seeds_longest(printed):
+    """By hand: 90 characters with all columns, 84 without ranks, 77 without steps, too."""
+    header = ["task", "rank", "entry", "algorithm", "representation", "median", "n", "steps"]
+    row = ["move_in_direction", "1", "published", "TD3", "planar", "774 [652, 812]", "10", "100k"]
+    for width, left_out in ((90, []), (84, ["rank"]), (77, ["rank", "steps"])):
+        lines = printed(width, "", header, [row], spare=SPARE["leaderboard"])
+        named = next(line for line in lines if "task" in line).split()
+        assert named == [name for name in header if name not in left_out]

@@ -152,6 +152,14 @@ def test_name_of_many_settings_is_cut_and_all_are_known():
     assert sorted(chosen_words(run).split(", ")) == sorted(f"{n}={v}" for n, v in changes.items())
 
 
+def test_cut_names_have_the_settings_that_differ():
+    changes = {"gamma": 0.9, "batch_size": 7, "buffer_size": 99, "noise_sigma": 0.3}
+    runs = {f"{tau}": full_run(changes={**changes, "tau": tau}) for tau in (0.1, 0.2)}
+    for tau, name in variant_words(runs).items():
+        assert f"tau={tau}" in name
+        assert name.count("=") == 4
+
+
 def test_external_run_named_td3_has_only_its_hyperparameters():
     settings = ExternalSettings(**{**RUN, "hyperparameters": {"tau": 0.1}})
     named = {path for path in flatten(settings) if path[0] == "hyperparameters"}

@@ -137,31 +137,33 @@ def _labels(
 
     always = {v: chosen_paths(run) if always_named else set() for v, run in settings.items()}
     paths = list(dict.fromkeys(path for values in flat.values() for path in values))
-    differing = [
+    differing = {
         path
         for path in paths
-        if path[0] not in left_out
-        and (
-            len({json.dumps(values.get(path, ...), default=repr) for values in flat.values()}) > 1
-            or any(path in named for named in always.values())
-        )
-    ]
-    ends = Counter(path[-1] for path in differing)
-    names = {path: path[-1] if ends[path[-1]] == 1 else ".".join(path) for path in differing}
-    rows = sorted(flat.items(), key=lambda row: ([_rank(row[1].get(p)) for p in differing], row[0]))
+        if len({json.dumps(values.get(path, ...), default=repr) for values in flat.values()}) > 1
+    }
+    kept = differing.union(*always.values())
+    named = [path for path in paths if path in kept and path[0] not in left_out]
+    ends = Counter(path[-1] for path in named)
+    names = {path: path[-1] if ends[path[-1]] == 1 else ".".join(path) for path in named}
+    rows = sorted(flat.items(), key=lambda row: ([_rank(row[1].get(p)) for p in named], row[0]))
     labels = {}
     has_all = True
     for variant, values in rows:
-        texts = {path: form(names[path], values.get(path, ...)) for path in differing}
-        for path in always[variant].intersection(differing):
+        texts = {path: form(names[path], values.get(path, ...)) for path in named}
+        for path in always[variant].intersection(named):
             texts[path] = texts[path] or f"{names[path]}={_text(values[path])}"
 
         algo = values.get(("algo",))
         usual = _bases(algo)["published"] if algo in SETTINGS else {}
-        unusual = sorted(filter(texts.get, differing), key=lambda p: values.get(p) == usual.get(p))
-        shown = {*unusual[:_NAMED_SETTINGS]}
-        has_all = has_all and len(shown) == len(unusual)
-        labels[variant] = ", ".join(texts[path] for path in differing if path in shown)
+        # What tells variants apart is named first, and of that what is unusual.
+        ranked = sorted(
+            filter(texts.get, named),
+            key=lambda p: (p not in differing, values.get(p) == usual.get(p)),
+        )
+        shown = {*ranked[:_NAMED_SETTINGS]}
+        has_all = has_all and len(shown) == len(ranked)
+        labels[variant] = ", ".join(texts[path] for path in named if path in shown)
 
     # Labels must stay distinct, even if settings are left out or values are cut short.
     if not has_all or len(set(labels.values())) < len(labels):

@@ -55,8 +55,10 @@ def shares(algo: str, steps: int) -> dict[str, float]:
     runs = [settings_of(algo, seed, steps) for seed in range(SEEDS)]
     with tempfile.TemporaryDirectory() as folder, measured() as seconds:
         began = time.perf_counter()
-        run_batch(runs, Results(Path(folder)))
+        failures = run_batch(runs, Results(Path(folder)))
         whole = time.perf_counter() - began
+    for failure in failures.values():
+        raise failure
 
     # On a CPU, nothing but the updates themselves is waited for.
     seconds["updates"] += seconds.pop("waiting for updates", 0.0)

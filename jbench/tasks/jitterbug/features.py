@@ -142,26 +142,28 @@ def mirrored(task: str, flat: Array) -> Array:
 
 def normalize(task: str, physical: Array) -> Array:
     """Maps (..., dim(O)) features in SI units to the [-1, 1] of an observation."""
-    low, high = _feature_range(task, physical)
-    return 2 * (physical - low) / (high - low) - 1
+    low, extent = _feature_range(task, physical)
+    return 2 * (physical - low) / extent - 1
 
 
 def denormalize(task: str, observed: Array) -> Array:
     """Maps a (..., dim(O)) observation back to its features in SI units."""
-    low, high = _feature_range(task, observed)
-    return low + (observed + 1) * (high - low) / 2
+    low, extent = _feature_range(task, observed)
+    return low + (observed + 1) * extent / 2
 
 
 def _feature_range(task: str, like: Array) -> list[Array]:
-    """Returns the lowest and the highest features, in the type of an array."""
+    """Returns the lowest features and the extents of their ranges, in the type of an array."""
     return _range(task, namespace(like), like.dtype, getattr(like, "device", None))
 
 
 @cache  # they are needed at every control step
 def _range(task: str, xp: Any, dtype: Any, device: Any) -> list[Array]:
-    """Returns the ends of the features' ranges, made once for each type."""
-    ends = (by_dimension(task, end) for end in ("low", "high"))
-    return [xp.asarray(end, dtype=dtype, device=device) for end in ends]
+    """Returns the features' ranges as `_feature_range` does, made once for each type."""
+    low, high = (
+        xp.asarray(by_dimension(task, end), dtype=dtype, device=device) for end in ("low", "high")
+    )
+    return [low, high - low]
 
 
 def goal(task: str, observation: NDArray[np.floating]) -> str:

@@ -39,7 +39,7 @@ def heading_reward(angle: Array) -> Array:
     """Returns (1 + cos 2a) / 2 for an angle to the target |a| < pi / 2, otherwise 0."""
     xp = namespace(angle)
     facing = (1 + xp.cos(2 * angle)) / 2
-    return xp.where(xp.abs(angle) < math.pi / 2, facing, xp.zeros_like(facing))
+    return xp.where(xp.abs(angle) < math.pi / 2, facing, 0.0)
 
 
 def speed_reward(speed: Array) -> Array:

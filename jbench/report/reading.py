@@ -13,6 +13,7 @@ from jbench.report.analysis.scores import Pair
 from jbench.report.data import sources
 from jbench.report.data.configuration import Configuration, with_returns
 from jbench.report.data.returns import KINDS, TRAINING
+from jbench.report.data.shared import leave_out_shared
 from jbench.report.data.sources import Source
 from jbench.report.encoders import encoder_frame
 from jbench.report.request import Request
@@ -38,7 +39,9 @@ def read(results: Results | None, request: Request) -> tuple[Source, Pairs]:
     assert results is not None
     if request.compare is not None:
         ours, theirs = (sources.side(side, results, request) for side in request.compare)
-        return _compared(ours, theirs, request)
+        source, pairs = _compared(ours, theirs, request)
+        _note_shared(source)
+        return source, pairs
 
     source = own = sources.own_and_imported(results, request)
     if request.reference:
@@ -53,6 +56,7 @@ def read(results: Results | None, request: Request) -> tuple[Source, Pairs]:
         # States of policies can be drawn without any run.
         or any(s.get("states") and request.task in (None, s.get("task")) for s in saved)
     ):
+        _note_shared(source)
         return source, []
 
     if len(own.runs):
@@ -65,6 +69,13 @@ def read(results: Results | None, request: Request) -> tuple[Source, Pairs]:
     raise NothingYetError(
         f"There are no runs in {results.name}; run `{with_results(train, results.name)}` first."
     )
+
+
+def _note_shared(source: Source) -> None:
+    """Notes once the hyperparameters that all runs share, in place of every name."""
+    source.shared = leave_out_shared(source.configurations)
+    if source.shared:
+        source.notes.insert(0, f"All runs: {source.shared}, not the defaults.")
 
 
 def _compared(ours: Source, theirs: Source, request: Request) -> tuple[Source, Pairs]:

@@ -107,7 +107,8 @@ def _final_returns(frames: Frames) -> Table:
         number("published median", "published"),
     ]
     title = f"Final {frames.returns} returns"
-    sentences = [_final(frames), INTERVAL]
+    shared = frames.source.shared
+    sentences = [_final(frames), INTERVAL, *([f"All runs: {shared}."] if shared else [])]
     if frames.request.curves:
         title = "Final returns by method"
     if len(policies):

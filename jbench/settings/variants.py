@@ -99,6 +99,14 @@ def variant_words(
     return named
 
 
+def hyperparameter_words(run: Run) -> list[str]:
+    """Returns the words that names have for hyperparameters that are not the defaults."""
+    flat = flatten(run) if isinstance(run, RunSettings) else {}
+    named = _with_base(flat, only_recorded=True)
+    paths = [path for path in named if path in chosen_paths(run) and path[0] in (BASE, _TABLE)]
+    return [f"{path[-1]}={_text(named[path])}" for path in paths]
+
+
 def chosen_words(run: Run) -> str:
     """Returns all settings of a run that are known not to be the defaults, however many."""
     flat = flatten(run) if isinstance(run, RunSettings) else {}

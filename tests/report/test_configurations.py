@@ -54,14 +54,32 @@ def test_every_place_names_the_settings_that_are_not_defaults(fabric):
     changed = with_defaults(batch_size=64)
     for seed in range(3):
         fabric.run([500.0] * 3, seed, evaluated={3000: 500.0}, **changed)
+    plain = with_defaults()
+    fabric.run([500.0] * 3, 0, evaluated={3000: 500.0}, representation="dae12", **plain)
     frames = Frames(fabric.results)
-    assert frames.lead(frames.configurations)["label"].tolist() == ["TD3 full, batch_size=64"]
-    assert {*frames.curves["label"]} == {"TD3 full, batch_size=64"}
+    labels = {"TD3 full, batch_size=64", "TD3 dae12"}
+    assert {*frames.lead(frames.configurations)["label"]} == labels
+    assert {*frames.curves["label"]} == labels
+    assert not any("batch_size" in note for note in frames.notes)
     files = dict(table_files(frames))
     assert "full, batch_size=64" in files["final_returns.md"]
     latex = files["final_returns.tex"].replace(r"\allowbreak{}", "")
     assert r"full, batch\_size=64" in latex
     assert "batch_size=64" in render(frames, [])
+
+
+def test_settings_that_all_runs_share_are_noted_once(fabric):
+    for name, tau in (("full", 0.5), ("dae12", 0.5), ("dae12", 0.005)):
+        changed = with_defaults(batch_size=64, hidden_layers=[8, 8], tau=tau)
+        fabric.run([500.0] * 3, 0, evaluated={3000: 500.0}, representation=name, **changed)
+    frames = Frames(fabric.results)
+    labels = {"TD3 full, tau=0.5", "TD3 dae12, tau=0.5", "TD3 dae12, tau=0.005"}
+    assert {*frames.lead(frames.configurations)["label"]} == labels
+    shared = "All runs: batch_size=64, hidden_layers=[8, 8]"
+    assert f"{shared}, not the defaults." in frames.notes
+    assert f"{shared}, not the defaults." in render(frames, [])
+    files = dict(table_files(frames))
+    assert f"{shared}." in files["final_returns.md"].replace("\\", "")
 
 
 def test_runs_that_differ_only_in_the_code_of_their_encoder_are_named_by_it(fabric):

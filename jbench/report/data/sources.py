@@ -57,6 +57,7 @@ class Source:
     tables: dict[str, pd.DataFrame]  # of encoders, policies, metrics; of others than results empty
     paths: pd.DataFrame  # see `run_paths`
     at_end: pd.Series  # see `returns_at_end`
+    shared: str = ""  # hyperparameters of all runs that are not the defaults, if names lack them
 
 
 def joined(parts: Sequence[Source]) -> Source:

@@ -22,14 +22,16 @@ $(VENV)/.installed: pyproject.toml requirements.lock
 	$(PIP) install --no-deps --editable .
 	touch $@
 
-# The lock of what install installs, for all systems; versions stay where they still fit.
+# The lock of what install installs, for all systems; versions stay where they still fit, and
+# UPGRADE=--upgrade takes the newest ones.
 # torch is left out: CPU or CUDA is the machine's choice.
 lock: install
 	$(PIP) install uv
 	echo "torch; sys_platform == 'none'" > $(VENV)/no-torch.txt
 	$(BIN)/uv pip compile pyproject.toml --extra dev --extra docs --extra render --universal \
 		--overrides $(VENV)/no-torch.txt --no-emit-package torch --generate-hashes \
-		--no-annotate --custom-compile-command "make lock" --output-file requirements.lock
+		--no-annotate --custom-compile-command "make lock" $(UPGRADE) \
+		--output-file requirements.lock
 
 # The whole pipeline, small, with the commands that a user types.
 demo: install

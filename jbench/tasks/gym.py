@@ -180,3 +180,7 @@ def frame_rate(task: Task) -> dict[str, int]:
     if not task.control_timestep:
         return {}
     return {"render_fps": round(1 / task.control_timestep)}
+
+
+JitterbugEnv = RobotEnv
+"""The name in Minari datasets that were exported before one environment served every robot."""

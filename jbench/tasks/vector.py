@@ -245,3 +245,7 @@ def _infos(info: Mapping[str, NDArray[Any]], mask: NDArray[np.bool_]) -> Infos:
         infos[key] = values if mask.all() else np.where(rows, values, 0)
         infos[f"_{key}"] = mask.copy()
     return infos
+
+
+JitterbugVectorEnv = RobotVectorEnv
+"""The name in Minari datasets that were exported before one environment served every robot."""

@@ -50,6 +50,21 @@ def picture_env(camera="tracking", width=96):
     return RobotEnv("move_to_pose", "rgb_array", camera, width, height=64)
 
 
+@pytest.mark.parametrize(
+    ("entry_point", "task"),
+    [
+        ("jbench.tasks.gym:JitterbugEnv", "face_direction"),
+        ("jbench.tasks.dm_gym:SuiteEnv", "dmc:cartpole-swingup"),
+    ],
+)
+def test_environment_of_an_older_minari_dataset_is_made(entry_point, task):
+    spec = gymnasium.spec(environment_id(task))
+    older = copy.deepcopy(spec)
+    older.entry_point = entry_point
+    ours, theirs = gymnasium.make(spec), gymnasium.make(older)
+    np.testing.assert_array_equal(ours.reset(seed=0)[0], theirs.reset(seed=0)[0])
+
+
 @EVERY_TASK
 def test_environment_passes_gymnasium_checker(task, recwarn):
     check_env(RobotEnv(task), skip_render_check=True)  # rendered by the tests below

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import permutation_test
 
+import jbench
 from jbench.report.frames import Frames
 from jbench.statistics import FloatArray
 from jbench.statistics.bootstrap import difference, estimate, interquartile_mean
@@ -22,6 +23,10 @@ PLACE = r"(<!-- table: {name} -->\n\n).*?(\n<!-- end of table -->)"
 
 TASKS = ("face_direction", "move_in_direction")
 FEWEST_SEEDS = 6
+
+AUTHORS_TASK = "face_direction"
+AUTHORS_STEPS = (20_000, 60_000, 100_000, 140_000, 180_000, 220_000, 260_000, 300_000)
+"""Evaluations that the table shows."""
 
 
 @dataclass
@@ -45,6 +50,21 @@ class Pair:
     task: str
     name: str
     against: str
+
+
+@dataclass
+class Agents:
+    """A column of the table of agents of DDPG by control step.
+
+    Attributes:
+        words: whose settings they have, and what they observe.
+        representation: as the database names it.
+        is_standardized: whether they standardize their inputs, as those of Figure 7.
+    """
+
+    words: str
+    representation: str
+    is_standardized: bool
 
 
 README_ROWS = (
@@ -90,6 +110,14 @@ DIFFERENCES_ORDER = (
     "dae12-observation",
     "dae12-observation-whitened",
     "dae-yaw13",
+)
+
+
+AUTHORS_COLUMNS = (
+    Agents("Table 1: 16 numbers (`full`)", "full", is_standardized=False),
+    Agents("Table 1: 12 latents (`dae12`)", "dae12", is_standardized=False),
+    Agents("Figure 7: 16 numbers (`raw`)", "raw16", is_standardized=True),
+    Agents("Figure 7: 12 latents (`dae12-script`)", "dae12-script", is_standardized=True),
 )
 
 
@@ -224,6 +252,52 @@ def differences_table(numbers: ShippedNumbers) -> str:
     return "\n".join(lines)
 
 
+def authors_evaluations() -> pd.DataFrame:
+    """Returns mean evaluation returns of DDPG on the task of Figure 7: a row for each evaluation.
+
+    Its columns are representation, is_standardized, seed, control_steps and mean.
+    """
+    return jbench.open("reference").query(
+        "SELECT representation, seed, control_steps, avg(episode_return) AS mean, "
+        "coalesce(settings->>'$.hyperparameters.normalize' = 'running', false) AS is_standardized "
+        "FROM evaluations JOIN runs USING (run) "
+        f"WHERE task = '{AUTHORS_TASK}' AND algo = 'ddpg' AND engine = 'batched' GROUP BY ALL"
+    )
+
+
+def authors_table(evaluations: pd.DataFrame) -> str:
+    """Returns the table of agents with the settings of Table 1 and of Figure 7 by control step.
+
+    A cell has the median of the agents, and the lowest and highest of them.
+    """
+    curves = [_curves_of(agents, evaluations) for agents in AUTHORS_COLUMNS]
+    rows = [["control steps", *(agents.words for agents in AUTHORS_COLUMNS)]]
+    for steps in AUTHORS_STEPS:
+        rows.append([f"{steps:,}", *(_median_and_range(one.loc[steps]) for one in curves)])
+
+    rows.append(["over the run", *(_median_and_range(one.mean()) for one in curves)])
+    rows.append(["each agent, at the end", *(_each(one.iloc[-1]) for one in curves)])
+    heading, *lines = [f"| {' | '.join(cells)} |" for cells in rows]
+    return "\n".join([heading, f"|{'---|' * len(rows[0])}", *lines])
+
+
+def _curves_of(agents: Agents, evaluations: pd.DataFrame) -> pd.DataFrame:
+    """Returns mean evaluation returns by control step and seed."""
+    chosen = evaluations["representation"] == agents.representation
+    chosen &= evaluations["is_standardized"] == agents.is_standardized
+    return evaluations[chosen].pivot(index="control_steps", columns="seed", values="mean")
+
+
+def _each(values: pd.Series) -> str:
+    """Returns whole numbers such as `181, 833, 212`."""
+    return ", ".join(f"{value:.0f}" for value in values)
+
+
+def _median_and_range(values: pd.Series) -> str:
+    """Returns such as `312 (180 to 867)`."""
+    return f"{values.median():.0f} ({values.min():.0f} to {values.max():.0f})"
+
+
 def with_table(text: str, name: str, table: str) -> str:
     """Returns a page's text with another table in a place. Raises a ValueError if it has none."""
     pattern = PLACE.format(name=re.escape(name))
@@ -243,9 +317,11 @@ def pages(numbers: ShippedNumbers) -> dict[Path, str]:
 
     readme_table = main_table(numbers, README_ROWS, "final evaluation return")
     answer_table = main_table(numbers, ANSWER_ROWS, "the agent observes")
+    answer_text = with_table(answer.read_text("utf-8"), "main", answer_table)
+    authors = authors_table(authors_evaluations())
     return {
         readme: with_table(readme.read_text("utf-8"), "main", readme_table),
-        answer: with_table(answer.read_text("utf-8"), "main", answer_table),
+        answer: with_table(answer_text, "authors", authors),
         details: with_table(details.read_text("utf-8"), "differences", differences_table(numbers)),
     }
 

@@ -27,25 +27,34 @@ class Drawing(NamedTuple):
 
     Attributes:
         columns: its width in columns of a paper.
+        is_standardized: whether its agents standardize their inputs, as those of the authors.
     """
 
     name: str
     figure: str = "representations"
     task: str = "face_direction"
+    algo: str = "td3"
     columns: int = 1
+    is_standardized: bool = False
 
 
 DRAWINGS = (
     Drawing("answer-td3", columns=2),
     Drawing("answer-harder", task="move_in_direction", columns=2),
+    Drawing("answer-authors", algo="ddpg", columns=2, is_standardized=True),
 )
 
 
-def copy_compared(target: Path) -> Results:
-    """Copies the shipped runs that docs/answer.md compares, all encoders and all evaluations."""
+def copy_compared(target: Path, is_standardized: bool) -> Results:
+    """Copies the shipped runs that docs/answer.md compares, all encoders and all evaluations.
+
+    Of the runs, those whose agents standardize their inputs, or the others.
+    """
     source = shipped_results()
     for run in source.scan("run")[0]:
-        if run.settings["engine"] == "batched" and "precision" not in run.settings:
+        if run.settings["engine"] != "batched" or "precision" in run.settings:
+            continue
+        if (run.settings["hyperparameters"].get("normalize") == "running") == is_standardized:
             shutil.copytree(run.path, target / run.path.relative_to(source.path))
     for kind in ("encoders", "evaluations"):
         shutil.copytree(source.path / kind, target / kind)
@@ -54,7 +63,7 @@ def copy_compared(target: Path) -> Results:
 
 def draw(results: Results, drawing: Drawing) -> None:
     """Draws a figure with few colors and pixels, which makes its file small."""
-    found = Frames(results, Request(task=drawing.task, algo="td3"))
+    found = Frames(results, Request(task=drawing.task, algo=drawing.algo))
     made = figures.charts(found)
     (drawn,) = (one.figure(drawing.columns) for one in made if one.name == drawing.figure)
     picture = Image.open(io.BytesIO(style.image(drawn, "png"))).convert("RGB")
@@ -67,7 +76,9 @@ def draw(results: Results, drawing: Drawing) -> None:
 
 
 if __name__ == "__main__":
-    with tempfile.TemporaryDirectory() as directory:
-        compared = copy_compared(Path(directory))
-        for one in DRAWINGS:
-            draw(compared, one)
+    for are_standardized in (False, True):
+        with tempfile.TemporaryDirectory() as directory:
+            compared = copy_compared(Path(directory), are_standardized)
+            for one in DRAWINGS:
+                if one.is_standardized == are_standardized:
+                    draw(compared, one)

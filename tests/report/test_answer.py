@@ -50,7 +50,8 @@ LAST = "FILTER (rows.control_steps > steps * 3 / 4)"
 QUERY = """SELECT algo, task, seed, {columns}, representation
 || if((settings->>'$.hyperparameters.mirror') = 'true', ', mirror=true', '') AS representation
 FROM {table} JOIN runs USING (run) WHERE engine = 'batched' AND algo IN ('td3', 'ddpg')
-AND settings->>'precision' IS NULL GROUP BY ALL ORDER BY ALL"""
+AND settings->>'precision' IS NULL AND settings->>'$.hyperparameters.normalize' IS NULL
+GROUP BY ALL ORDER BY ALL"""
 
 
 @pytest.fixture(scope="module")
@@ -377,6 +378,69 @@ def test_published_figures_7_and_8():
     assert "392 at the end" in text_of("answer")
     assert "ends at 295, no more than random actions get; with" in text_of("answer")
     assert "the same algorithm, Figure 9 has 632" in text_of("answer")
+
+
+AGENTS = (("full", False), ("dae12", False), ("raw16", True), ("dae12-script", True))
+
+
+@pytest.fixture(scope="module")
+def agents_of_figure_7():
+    """Returns, for each of `AGENTS`, evaluations of DDPG by seed, as its records have them."""
+    found = {agents: {} for agents in AGENTS}
+    for record in shipped_results().scan("run")[0]:
+        task, algo, representation, _ = record.id.split("/")
+        normalize = record.settings["hyperparameters"].get("normalize")
+        agents = representation, normalize == "running"
+        if (task, algo) == (TASKS[0], "ddpg") and agents in found:
+            rows = record.read("evaluations").to_pandas()
+            means = rows.groupby("control_steps")["episode_return"].mean()
+            found[agents][record.settings["seed"]] = means
+    return found
+
+
+def test_agents_of_figure_7(agents_of_figure_7):
+    *by_step, over_run, at_end = table("docs/answer.md", "Figure 7: 16 numbers")
+    for column, seeds in enumerate(agents_of_figure_7.values(), 1):
+        for row in by_step:
+            values = [means[int(row[0].replace(",", ""))] for means in seeds.values()]
+            assert row[column] == median_and_range(values)
+        assert over_run[column] == median_and_range([means.mean() for means in seeds.values()])
+        finals = [seeds[seed].iloc[-1] for seed in sorted(seeds)]
+        assert at_end[column] == ", ".join(f"{final:.0f}" for final in finals)
+
+
+def test_what_the_agents_of_figure_7_learn(agents_of_figure_7):
+    at_100k, at_end, medians = {}, {}, []
+    for agents, seeds in agents_of_figure_7.items():
+        at_100k[agents] = np.array([means[100_000] for means in seeds.values()])
+        at_end[agents] = np.array([means.iloc[-1] for means in seeds.values()])
+        medians.append(f"{np.median([means.mean() for means in seeds.values()]):.0f}")
+    *_, full, latents = AGENTS
+
+    page = text_of("answer")
+    assert f"latents get {ends_of(at_100k[latents])}, and those with the full" in page
+    assert f"the full observation {ends_of(at_100k[full])}, no more than random" in page
+    random = shipped().baselines.query(f"policy == 'random' and task == '{TASKS[0]}'")
+    assert at_100k[full].max() < random["median"].item()
+
+    assert [len(at_end[agents]) for agents in (full, latents)] == [5, 3]
+    assert f"all three with latents have learned the task ({ends_of(at_end[latents])})" in page
+    learned = at_end[full] > 500
+    low, high = sorted(at_end[full][learned])
+    assert f"two have ({low:.0f} and {high:.0f})" in page
+    assert f"three have not ({ends_of(at_end[full][~learned])})" in page
+
+    table_1, table_1_latents, figure_7, figure_7_latents = medians
+    assert f"its median is {table_1} with the settings of Table 1 and {figure_7} with" in page
+    assert f"the median with latents is {table_1_latents} and {figure_7_latents}." in page
+
+
+def ends_of(values):
+    return f"{min(values):.0f} to {max(values):.0f}"
+
+
+def median_and_range(values):
+    return f"{np.median(values):.0f} ({min(values):.0f} to {max(values):.0f})"
 
 
 def test_published_figure_9():

@@ -177,13 +177,13 @@ def main() -> None:
     for algo in algos:
         print(f"{algo}: training and checkpoints in turn", file=sys.stderr, flush=True)
         cost(algo, arguments.rounds, arguments.steps)
-    for algo in algos:
-        if algo != "ppo":
-            compact(algo, arguments.repeated)
     for algo in ("ddpg", "ppo"):
         if algo in algos:
             print(f"{algo}: checkpoints of {arguments.steps:,} steps", file=sys.stderr, flush=True)
             volume(algo, arguments.steps)
+    for algo in algos:
+        if algo != "ppo":
+            compact(algo, arguments.repeated)
 
 
 if __name__ == "__main__":

@@ -270,7 +270,7 @@ def authors_table(evaluations: pd.DataFrame) -> str:
 
     A cell has the median of the agents, and the lowest and highest of them.
     """
-    curves = [_curves_of(agents, evaluations) for agents in AUTHORS_COLUMNS]
+    curves = [_curves(agents, evaluations) for agents in AUTHORS_COLUMNS]
     rows = [["control steps", *(agents.words for agents in AUTHORS_COLUMNS)]]
     for steps in AUTHORS_STEPS:
         rows.append([f"{steps:,}", *(_median_and_range(one.loc[steps]) for one in curves)])
@@ -281,7 +281,7 @@ def authors_table(evaluations: pd.DataFrame) -> str:
     return "\n".join([heading, f"|{'---|' * len(rows[0])}", *lines])
 
 
-def _curves_of(agents: Agents, evaluations: pd.DataFrame) -> pd.DataFrame:
+def _curves(agents: Agents, evaluations: pd.DataFrame) -> pd.DataFrame:
     """Returns mean evaluation returns by control step and seed."""
     chosen = evaluations["representation"] == agents.representation
     chosen &= evaluations["is_standardized"] == agents.is_standardized

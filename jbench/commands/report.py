@@ -23,6 +23,7 @@ from jbench.settings.base import validated
 from jbench.wording import repair_hint
 
 if TYPE_CHECKING:
+    from jbench.report.verdict_matrices import VerdictMatrix
     from jbench.store import Results
 
 
@@ -172,10 +173,9 @@ shows ranks.
 
 def _report(database: "Results", out: Path, request: Request) -> None:
     """Writes a report and prints what it says first: verdicts, tables and notes."""
-    from jbench.report.columns import OBSERVED
-    from jbench.report.page import verdict_matrix
     from jbench.report.report import write_report
     from jbench.report.tables import tables
+    from jbench.report.verdict_matrices import verdict_matrices
     from jbench.store.query import records
 
     output.if_stopped(f"A report that {out} had before is still there.")
@@ -186,16 +186,8 @@ def _report(database: "Results", out: Path, request: Request) -> None:
         if table.name != "verdicts" or request.claims:
             output.frame(table.title, table.texts(), SPARE.get(table.name, ()))
             continue
-        matrix = verdict_matrix(frames)
-        rows = []
-        for about, group in matrix["groups"].items():
-            for row in group:
-                cells = (cell and f"{cell['mark']} {cell['verdict']}" for cell in row["verdicts"])
-                rows.append([about, OBSERVED.form(row), *cells])
-
-        heads = product(matrix["baselines"], matrix["claims"].values())
-        header = ["", "representation", *(f"{title} against {name}" for name, title in heads)]
-        output.table(table.title, header, rows)
+        for matrix in verdict_matrices(frames):
+            _print_verdicts(table.title, matrix)
 
     for note in frames.notes:
         output.say(f"Note: {note}")
@@ -212,6 +204,21 @@ def _report(database: "Results", out: Path, request: Request) -> None:
         output.document({"headline": frames.headline, **entries, **about})
 
     output.warn_of_damage(frames.problems, repair_hint(database.name))
+
+
+def _print_verdicts(title: str, matrix: "VerdictMatrix") -> None:
+    """Prints the verdicts on some representations."""
+    from jbench.report.columns import OBSERVED
+
+    rows = []
+    for about, group in matrix.groups.items():
+        for row in group:
+            cells = (cell and f"{cell['mark']} {cell['verdict']}" for cell in row["verdicts"])
+            rows.append([about, OBSERVED.form(row), *cells])
+
+    heads = product(matrix.baselines, matrix.claims.values())
+    header = ["", "representation", *(f"{title} against {name}" for name, title in heads)]
+    output.table(title, header, rows)
 
 
 def changes(directories: Sequence[Path], poll_seconds: float = 2.0) -> Iterator[None]:

@@ -2,10 +2,9 @@
 
 import base64
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib.markers import MarkerStyle
@@ -13,9 +12,7 @@ from matplotlib.markers import MarkerStyle
 from jbench.names import MEANINGS, kind_in
 from jbench.paper import CITATION
 from jbench.report import style
-from jbench.report.comparison_tables import COMPARED
-from jbench.report.data.configuration import OWN
-from jbench.report.data.returns import clean, rounded
+from jbench.report.data.returns import clean
 from jbench.report.encoders import descriptions
 from jbench.report.figures.chart import Chart
 from jbench.report.frames import Frames
@@ -24,15 +21,12 @@ from jbench.report.runs import run_details
 from jbench.report.svg import panel_svgs
 from jbench.report.table import Column, Table
 from jbench.report.tables import tables
-from jbench.statistics.bootstrap import DECIDING_SEEDS
-from jbench.studies.deciding import MARGIN
+from jbench.report.verdict_matrices import verdict_matrices
 from jbench.wording import counted
 
 _ROWS_BEFORE_FOLD = 2  # of panels of a figure; a click shows the others
 _FILTERED = ("task", "algo", "representation", "against", "returns", "status", "claim")
 """Columns of long tables by whose values rows can be chosen."""
-
-_STATES = {"✓": "for", "✗": "against"}
 
 
 def render(frames: Frames, made: Sequence[Chart]) -> str:
@@ -65,7 +59,7 @@ def render(frames: Frames, made: Sequence[Chart]) -> str:
         filtered=_FILTERED,
         soft=style.SOFT,
         meanings=_meanings(frames),
-        matrix=verdict_matrix(frames),
+        matrices=verdict_matrices(frames),
         tables=[_shown(table) for table in tables(frames) if table.name != "verdicts"],
         drops=drops(frames.runs, frames.source.problems),
         repeat=repetition(frames.source),
@@ -113,47 +107,3 @@ def _meanings(frames: Frames) -> list[tuple[str, str]]:
     known = dict.fromkeys((*map(kind_in, names), *endings) if len(names) > 1 else ())
     meanings = {**descriptions(frames.source.tables), **MEANINGS}
     return [(name, clean(meanings[name]).rstrip(".")) for name in known if name in meanings]
-
-
-def verdict_matrix(frames: Frames) -> dict[str, Any]:
-    """Returns the verdicts by task and algorithm: a row for each representation, claims across."""
-    verdicts = frames.lead(frames.verdicts)
-    # Half of the width of a claim's small axis; few intervals reach beyond it.
-    ends = verdicts.melt("claim", ["low", "high"], value_name="end").replace(np.inf, np.nan)
-    scales = ends["end"].astype(float).abs().groupby(ends["claim"]).quantile(0.9).fillna(1.0)
-    baselines = list(dict.fromkeys(verdicts["against"]))
-    claims = {claim: title for claim, title in COMPARED.items() if claim in scales}
-    keys = [(name, claim) for name in baselines for claim in claims]
-    groups: dict[str, list[dict[str, Any]]] = {}
-    for _, group in verdicts.groupby("configuration", sort=False):
-        first = group.iloc[0]
-        known = {(row["against"], row["claim"]): row for row in group.to_dict("records")}
-        shown = [_verdict(known[k], scales[k[1]]) if k in known else None for k in keys]
-        source = "" if first["source"] == OWN else first["source"]
-        about = ", ".join(filter(None, (first["task"], first["algo"], source)))
-        row = {**first[["representation", "words"]], "verdicts": shown}
-        groups.setdefault(about, []).append(row)
-
-    return {"baselines": baselines, "claims": claims, "groups": groups}
-
-
-def _verdict(row: Mapping[Any, Any], reach: float) -> dict[str, Any]:
-    """Returns a verdict with the places of its intervals on a small axis, 120 wide."""
-
-    def at(value: float) -> float:
-        return round(60 + 56 * float(np.nan_to_num(np.clip(value / (reach or 1), -1, 1))), 1)
-
-    value, low, high = (rounded(row[name]) for name in ("value", "low", "high"))
-    interval = f" [{low}, {high}]" if np.isfinite([row["low"], row["high"]]).all() else ""
-    enough = row["seeds"] >= DECIDING_SEEDS and np.isfinite(row["corrected_low"])
-    undecided = "undecided" if enough else "needs more"
-    names = ("value", "low", "high", "corrected_low", "corrected_high")
-    return {
-        **row,
-        **{name: at(row[name]) for name in names},
-        "verdict": undecided if row["verdict"] == "undecided" else row["verdict"],
-        "size": "" if np.isnan(row["value"]) else value,
-        "numbers": f"uncorrected: {value}{interval}, {row['seeds']} seeds",
-        "state": _STATES.get(row["mark"], "for" if row["verdict"] == "similar" else "open"),
-        "margin": (at(-MARGIN), at(MARGIN)) if row["claim"] == "a" else None,
-    }

@@ -418,24 +418,27 @@ def test_what_the_agents_of_figure_7_learn(agents_of_figure_7):
     *_, full, latents = AGENTS
 
     page = text_of("answer")
-    assert f"latents get {ends_of(at_100k[latents])}, and those with the full" in page
-    assert f"the full observation {ends_of(at_100k[full])}, no more than random" in page
+    assert f"latents get {lowest_to_highest(at_100k[latents])}, and those with the full" in page
+    assert f"the full observation {lowest_to_highest(at_100k[full])}, no more than random" in page
     random = shipped().baselines.query(f"policy == 'random' and task == '{TASKS[0]}'")
     assert at_100k[full].max() < random["median"].item()
 
     assert [len(at_end[agents]) for agents in (full, latents)] == [5, 3]
-    assert f"all three with latents have learned the task ({ends_of(at_end[latents])})" in page
+    assert (
+        f"all three with latents have learned the task ({lowest_to_highest(at_end[latents])})"
+        in page
+    )
     learned = at_end[full] > 500
     low, high = sorted(at_end[full][learned])
     assert f"two have ({low:.0f} and {high:.0f})" in page
-    assert f"three have not ({ends_of(at_end[full][~learned])})" in page
+    assert f"three have not ({lowest_to_highest(at_end[full][~learned])})" in page
 
     table_1, table_1_latents, figure_7, figure_7_latents = medians
     assert f"its median is {table_1} with the settings of Table 1 and {figure_7} with" in page
     assert f"the median with latents is {table_1_latents} and {figure_7_latents}." in page
 
 
-def ends_of(values):
+def lowest_to_highest(values):
     return f"{min(values):.0f} to {max(values):.0f}"
 
 

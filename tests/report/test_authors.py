@@ -5,6 +5,7 @@ import pytest
 
 from jbench.report.frames import Frames
 from jbench.report.request import Request
+from jbench.report.verdict_matrices import verdict_matrices
 from jbench.settings.algorithms import algorithm_settings
 
 ENCODER = "face_direction/dae12-script/s0{}-{:08d}"
@@ -56,3 +57,19 @@ def test_variability_is_judged_in_both_designs(frames):
     designs = ("an encoder per agent", "one encoder")
     names = {f"face_direction DDPG dae12-script, {design} against raw" for design in designs}
     assert {*compared} == names
+
+
+def test_representations_without_a_common_baseline_have_tables_of_their_own(fabric, frames):
+    latents = {"representation": "dae12", "encoder": "face_direction/dae12/s00-00000003"}
+    for seed in range(2):
+        for final, own in ((700, {}), (800, latents)):
+            fabric.run([final], seed, evaluated={1000: final}, algo="td3", **own)
+
+    matrices = verdict_matrices(Frames(fabric.results, Request()))
+
+    assert [list(matrix.baselines) for matrix in matrices] == [["raw"], ["full"]]
+    rows = [[row for group in matrix.groups.values() for row in group] for matrix in matrices]
+    assert [row["words"] for row in rows[0]] == ["an encoder per agent", "one encoder"]
+    assert [row["representation"] for row in rows[1]] == ["dae12"]
+    for matrix, shown in zip(matrices, rows, strict=True):
+        assert {len(row["verdicts"]) for row in shown} == {len(matrix.claims)}  # one baseline

@@ -45,12 +45,12 @@ class Written:
         self.bytes: dict[str, int] = {}
         original = files.write_atomic
 
-        def counted(path: Path, content: bytes) -> None:
+        def write_and_count(path: Path, content: bytes) -> None:
             kind = path.name.partition("-")[0].partition(".")[0]
             self.bytes[kind] = self.bytes.get(kind, 0) + len(content)
             original(path, content)
 
-        files.write_atomic = counted
+        files.write_atomic = write_and_count
 
 
 def settings_of(algo: str, seed: int) -> RunSettings:

@@ -17,12 +17,12 @@ def check_document(arguments, printed):
         return
 
     found = json.loads(printed)
-    errors = {name: error_of(found, name) for name in documents_of(ALIASES.get(verb, verb))}
+    errors = {name: schema_error(found, name) for name in document_names(ALIASES.get(verb, verb))}
     assert None in errors.values(), errors
 
 
 @cache
-def documents_of(verb):
+def document_names(verb):
     """Returns the names of the documents that a verb prints."""
     from jbench.commands.forms import DOCUMENTS
 
@@ -31,7 +31,7 @@ def documents_of(verb):
     return (*(name for name in DOCUMENTS if name == verb or name.startswith(f"{verb}-")), "error")
 
 
-def error_of(document, name):
+def schema_error(document, name):
     """Returns where a document does not fit a schema, and why; None if it fits."""
     error = jsonschema.exceptions.best_match(_validator(name).iter_errors(document))
     return error and f"{error.json_path}: {error.message[:500]}"

@@ -113,7 +113,7 @@ def collect(
     """Collect a dataset of random actions, of the Jitterbug or another robot."""
     from jbench.datasets import collect as collect_dataset
     from jbench.datasets import plan_dataset
-    from jbench.datasets.by_robot import layout_of
+    from jbench.datasets.by_robot import recorded_layout
     from jbench.settings.base import validated
     from jbench.store.planned import sentences
     from jbench.tasks.find import checked_task, dataset_robot, find_task
@@ -134,7 +134,7 @@ def collect(
 
     def kept() -> str:
         begun = database.find("dataset", settings.id)
-        steps = 0 if begun is None else layout_of(begun).control_steps(begun)
+        steps = 0 if begun is None else recorded_layout(begun).control_steps(begun)
         return (
             f"{steps:,} of {settings.steps:,} control steps are kept; the same command continues "
             "there."

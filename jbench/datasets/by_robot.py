@@ -12,12 +12,12 @@ def find_layout(robot: str) -> DatasetLayout:
     return JitterbugLayout() if robot == JITTERBUG else OtherLayout(robot)
 
 
-def layout_of(record: Record) -> DatasetLayout:
+def recorded_layout(record: Record) -> DatasetLayout:
     """Returns the layout of a recorded dataset."""
-    return find_layout(robot_of(record))
+    return find_layout(recorded_robot(record))
 
 
-def robot_of(record: Record) -> str:
+def recorded_robot(record: Record) -> str:
     """Returns the robot of a recorded dataset; older ones do not name the Jitterbug."""
     robot: str = record.settings.get("robot", JITTERBUG)
     return robot

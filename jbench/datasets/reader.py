@@ -10,7 +10,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from jbench.datasets import ending
-from jbench.datasets.by_robot import find_layout, robot_of
+from jbench.datasets.by_robot import find_layout, recorded_robot
 from jbench.datasets.layout import Block
 from jbench.errors import RequestError, WorkError
 from jbench.names import TASKS
@@ -165,7 +165,7 @@ def find_dataset(
 
         return Dataset(record)
 
-    suitable = [record for record in records if robot_of(record) == about.robot]
+    suitable = [record for record in records if recorded_robot(record) == about.robot]
     finished = [r for r in suitable if r.status == "finished"]
     if not finished:
         reason = f" ({problems[0]})" if problems else ""

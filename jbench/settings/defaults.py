@@ -86,7 +86,7 @@ def _changed(algo: str, hyperparameters: Mapping[str, Any], base: Base | None) -
     if base is None:
         return dict(hyperparameters)
     recorded = {**_omitted(algo), **hyperparameters}
-    usual = _of_source(algo, base)
+    usual = _source_values(algo, base)
     return {name: value for name, value in recorded.items() if usual.get(name, ...) != value}
 
 
@@ -98,7 +98,7 @@ def _omitted(algo: str) -> Mapping[str, Any]:
 
 
 @cache
-def _of_source(algo: str, base: Base) -> Mapping[str, Any]:
+def _source_values(algo: str, base: Base) -> Mapping[str, Any]:
     """Returns all hyperparameters of a source, as JSON values."""
     return {**_omitted(algo), **algorithm_settings(algo, base).values}
 

@@ -101,18 +101,29 @@ def variant_words(
 
 def hyperparameter_words(run: Run) -> list[str]:
     """Returns the words that names have for hyperparameters that are not the defaults."""
-    flat = flatten(run) if isinstance(run, RunSettings) else {}
-    named = _with_base(flat, only_recorded=True)
-    paths = [path for path in named if path in chosen_paths(run) and path[0] in (BASE, _TABLE)]
-    return [f"{path[-1]}={_text(named[path])}" for path in paths]
+    return [
+        f"{path[-1]}={_text(value)}"
+        for path, value in _chosen(run).items()
+        if path[0] in (BASE, _TABLE)
+    ]
 
 
 def chosen_words(run: Run) -> str:
     """Returns all settings of a run that are known not to be the defaults, however many."""
-    flat = flatten(run) if isinstance(run, RunSettings) else {}
-    named = _with_base(flat, only_recorded=True)
-    paths = [path for path in named if path in chosen_paths(run) and path[0] not in COMPARED]
-    return ", ".join(f"{path[-1]}={value_text(named[path])}" for path in paths)
+    return ", ".join(
+        f"{path[-1]}={value_text(value)}"
+        for path, value in _chosen(run).items()
+        if path[0] not in COMPARED
+    )
+
+
+def _chosen(run: Run) -> Flat:
+    """Returns the settings of a run that are known not to be the defaults, as names have them."""
+    if not isinstance(run, RunSettings):
+        return {}
+    paths = chosen_paths(run)
+    named = _with_base(flatten(run), only_recorded=True)
+    return {path: value for path, value in named.items() if path in paths}
 
 
 def _word(name: str, value: Any, dates: Mapping[str, str]) -> str:

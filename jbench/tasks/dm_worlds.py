@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from jbench.errors import WorkError, sentence_of_failure
 from jbench.tasks.task import Task
-from jbench.tasks.worlds import Chosen, EndingWorlds, EpisodeError, Physics, WorldsState
+from jbench.tasks.worlds import Chosen, EndingWorlds, EpisodeError, ModelAndData, WorldsState
 
 _ROUNDING = 1e-6  # by which rewards may exceed [0, 1]
 
@@ -65,12 +65,6 @@ class DmWorlds(EndingWorlds):
         """Closes the environments."""
         for environment in self.environments:
             close(environment)
-
-    def reset(
-        self, generators: Sequence[Generator], yaw: float | None = None
-    ) -> NDArray[np.float32]:
-        """Begins an episode in each world with a seed of 32 bits from its generator."""
-        return self.begin(range(len(generators)), generators)
 
     def begin(
         self,
@@ -129,11 +123,11 @@ class DmWorlds(EndingWorlds):
         A world whose observation or end is then another one is in `unlike`. It has the observation
         of `state`, and needs a new episode.
         """
+        self.has_begun = True
         self._observations = self._observations.copy()
         seeds = state["seeds"].tolist()
         for row, world in enumerate(range(rows.start, rows.stop)):
             self._begin(world, seeds[row])
-            self.has_begun = True
             if "commands" not in state:
                 continue
             elapsed = int(state["elapsed"][row])
@@ -148,10 +142,10 @@ class DmWorlds(EndingWorlds):
                 self._observations[world] = observed
         return self._observations
 
-    def physics(self, world: int) -> Physics | None:
+    def physics(self, world: int) -> ModelAndData | None:
         """Returns the model and data of an environment that has a MuJoCo physics."""
         physics = getattr(self.environments[world], "physics", None)
-        return None if physics is None else Physics(_raw(physics.model), _raw(physics.data))
+        return None if physics is None else ModelAndData(_raw(physics.model), _raw(physics.data))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Returns how a copy is made, which has no episode before its first reset."""

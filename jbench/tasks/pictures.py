@@ -13,7 +13,7 @@ from jbench import opengl
 from jbench.errors import RequestError
 from jbench.names import in_prose
 from jbench.tasks.task import Task
-from jbench.tasks.worlds import Physics, Worlds
+from jbench.tasks.worlds import ModelAndData, Worlds
 
 FREE = "free"
 """Name of the camera that sees the whole model, which every robot has."""
@@ -65,7 +65,7 @@ class Pictures:
         if view.mode is not None or view.camera is not None:
             self._camera = self._find_camera(view.camera or task.default_camera)
 
-    def physics(self, world: int) -> Physics:
+    def physics(self, world: int) -> ModelAndData:
         """Returns MuJoCo's model and data of a world; a RequestError if it has none."""
         physics = self._worlds.physics(world)
         if physics is None:

@@ -21,7 +21,7 @@ Chosen = dict[str, NDArray[np.float64]]
 """What the options of a reset choose: arrays by name, each with a row per world."""
 
 
-class Physics(NamedTuple):
+class ModelAndData(NamedTuple):
     """The robot of one world in MuJoCo, and its state."""
 
     model: "mujoco.MjModel"
@@ -81,7 +81,6 @@ class Worlds(AbstractContextManager["Worlds"]):
     def close(self) -> None:
         """Releases what the worlds hold: nothing by default, since threads end with the object."""
 
-    @abstractmethod
     def reset(
         self, generators: Sequence[Generator], yaw: float | None = None
     ) -> NDArray[np.float32]:
@@ -90,6 +89,9 @@ class Worlds(AbstractContextManager["Worlds"]):
         All random numbers of a world are drawn from its generator, which others may share. `yaw`
         (rad) is that of all targets, if the task records states; None for drawn ones.
         """
+        count = len(generators)
+        chosen = {} if yaw is None else {"yaw": np.full(count, yaw)}
+        return self.begin(range(count), generators, chosen)
 
     @abstractmethod
     def begin(
@@ -143,7 +145,7 @@ class Worlds(AbstractContextManager["Worlds"]):
         """Returns the entries (worlds, ...) of `info` of the present states, as new arrays."""
         return {}
 
-    def physics(self, world: int) -> Physics | None:
+    def physics(self, world: int) -> ModelAndData | None:
         """Returns MuJoCo's model and data of a world for pictures, if it has them.
 
         Those of `Task.world` are stepped themselves; others may be copies that the next call

@@ -70,7 +70,7 @@ def compacted(replay: ReplayBuffer, seed: int, ends: Sequence[int]) -> CompactRe
     """
     rows = replay.rows_since(seed)
     oldest = replay.row - rows.shape[1]
-    begun = [replay.row_of(transition) for transition in (0, *ends)]
+    begun = [replay.row_number(transition) for transition in (0, *ends)]
     # If no episode has begun since the oldest row, all rows are kept.
     whole = ((n, row) for n, row in enumerate(begun) if row >= oldest)
     episodes, first = next(whole, (0, replay.row))

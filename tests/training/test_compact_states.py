@@ -54,16 +54,16 @@ def with_small_buffer(run, size):
     return run.model_copy(update={"hyperparameters": {**run.hyperparameters, "buffer_size": size}})
 
 
-def state_of(path, run):
+def kept_checkpoint(path, run):
     """Returns the kept state of a finished run."""
     checkpoint, refused = load(Results(path).find("run", run.id))
     assert refused == []
     return checkpoint
 
 
-def check_continued(path, run_of, short=SHORT, long=LONG, results=None):
+def check_continued(path, make_run, short=SHORT, long=LONG, results=None):
     """Checks that a run continued from its compact state equals the one that was not stopped."""
-    first, whole = run_of(short), run_of(long)
+    first, whole = make_run(short), make_run(long)
     options = {"encoders": results}
     train(path / "twice", [first], **options)
     ((_, steps, sentence, continues),) = train(path / "twice", [whole], **options)
@@ -96,11 +96,11 @@ def test_inputs_of_mirrored_robots_are_computed_again(mirroring, tmp_path):
 def test_only_episodes_in_full_buffer_are_computed_again(tmp_path):
     """The last 50 of 180 transitions, whole rollouts of 30, begin in the third episode of 50."""
 
-    def run_of(steps):
+    def make_run(steps):
         return with_small_buffer(jitterbug(steps), 50)
 
-    check_continued(tmp_path, run_of, 180)
-    compact = state_of(tmp_path / "twice", run_of(180)).compact
+    check_continued(tmp_path, make_run, 180)
+    compact = kept_checkpoint(tmp_path / "twice", make_run(180)).compact
     # Episode 3 is the first one whose beginning, row 3 x 51, has not expired.
     assert (compact.header.episodes, compact.header.row) == (3, 153)
     assert len(compact.actions) == 180 - 3 * 50
@@ -124,24 +124,24 @@ def test_full_buffer_of_episodes_that_end_early_is_computed_again(algo, tmp_path
         lambda steps, seed=seed: with_small_buffer(falling(algo, seed, steps=steps), 40)
         for seed in (0, 1)
     ]
-    for run_of in runs:
-        check_continued(tmp_path, run_of, 90, 130)
+    for make_run in runs:
+        check_continued(tmp_path, make_run, 90, 130)
     # Seeds whose first whole episodes differ are continued in one batch, too.
     again = tmp_path / "again"
-    train(again, [run_of(90) for run_of in runs])
-    train(again, [run_of(130) for run_of in runs])
-    for run_of in runs:
-        assert outcome(again, run_of(130)) == outcome(tmp_path / "once", run_of(130))
+    train(again, [make_run(90) for make_run in runs])
+    train(again, [make_run(130) for make_run in runs])
+    for make_run in runs:
+        assert outcome(again, make_run(130)) == outcome(tmp_path / "once", make_run(130))
 
 
 @pytest.mark.parametrize("algo", ["td3", pytest.param("sac", marks=pytest.mark.slow)])
 def test_episodes_of_robot_of_the_suite_are_repeated(algo, tmp_path):
     """They follow from their seeds and the commands of six motors."""
 
-    def run_of(steps):
+    def make_run(steps):
         return suite_settings(algo, "tests.short_tasks:cheetah_run", steps=steps)
 
-    check_continued(tmp_path, run_of, 3 * EPISODE, 6 * EPISODE)  # whole rollouts, too
+    check_continued(tmp_path, make_run, 3 * EPISODE, 6 * EPISODE)  # whole rollouts, too
 
 
 def test_seeds_of_a_batch_are_computed_together(tmp_path):
@@ -223,7 +223,7 @@ def test_state_of_a_run_that_was_resumed_elsewhere_is_kept_whole(tmp_path):
     assert run_batch([run], Results(tmp_path), keep_state="compact", report=events.append) == {}
     (sentence,) = [event.text for event in events if event.kind == "note"]
     assert f"The state of {run.id} is kept with its replay buffer: it was resumed where" in sentence
-    assert state_of(tmp_path, run).compact is None
+    assert kept_checkpoint(tmp_path, run).compact is None
     ((_, steps, _, continues),) = train(tmp_path, [jitterbug(200)])
     assert (steps, continues) == (run.last_step, run.id)
 

@@ -171,7 +171,7 @@ class ReplayBuffer:
         """Returns of which of these numbers of rows the row has an action and its reward."""
         return numbers % (self._episode_steps + 1) != self._episode_steps
 
-    def row_of(self, transition: int) -> int:
+    def row_number(self, transition: int) -> int:
         """Returns the number of the row of a transition, counted from the start of training."""
         return transition + transition // self._episode_steps
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from jbench.task_specs import PHYSICS_STEPS
 from jbench.tasks.jitterbug import model as robot
 from jbench.tasks.jitterbug.geometry import State
-from jbench.tasks.worlds import Physics
+from jbench.tasks.worlds import ModelAndData
 
 # The complete state of a MuJoCo step, including the solver's warm start.
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION.value
@@ -84,7 +84,7 @@ class Robots:
         self._batch.state[robots] = snapshot
         return self._state()
 
-    def physics(self, index: int) -> Physics:
+    def physics(self, index: int) -> ModelAndData:
         """Returns a copy of the model, and data with the complete state of one robot.
 
         They are the same objects at each call.
@@ -101,10 +101,10 @@ class Robots:
         self.restore(snapshot)
 
     @cached_property
-    def _shown(self) -> Physics:
+    def _shown(self) -> ModelAndData:
         """What `physics` returns."""
         model = copy.deepcopy(self._model)
-        return Physics(model, mujoco.MjData(model))
+        return ModelAndData(model, mujoco.MjData(model))
 
     def _state(self) -> State:
         """Returns the present state of all robots."""
@@ -139,7 +139,7 @@ class OneRobot:
     def __init__(self, model: mujoco.MjModel) -> None:
         """Creates the robot at the origin, at rest, upright."""
         self._offset = robot.torso_offset(model)
-        self._physics = Physics(model, mujoco.MjData(model))
+        self._physics = ModelAndData(model, mujoco.MjData(model))
         robot.place(self._physics.data, robot.UPRIGHT)
 
     def reset(self, quaternions: NDArray[np.float64], robots: Selection = _EVERY) -> State:
@@ -166,7 +166,7 @@ class OneRobot:
         mujoco.mj_setState(*self._physics, snapshot[0], _STATE)
         return self._state()
 
-    def physics(self, index: int) -> Physics:
+    def physics(self, index: int) -> ModelAndData:
         """Returns the model and the data themselves."""
         return self._physics
 

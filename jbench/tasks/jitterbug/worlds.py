@@ -18,7 +18,7 @@ from jbench.tasks.jitterbug.geometry import State, Target, distance_to_target, h
 from jbench.tasks.jitterbug.model import yaw_quaternion
 from jbench.tasks.jitterbug.rewards import reward_terms, upright_reward
 from jbench.tasks.jitterbug.simulation import OneRobot, Robots
-from jbench.tasks.worlds import Chosen, Physics, Worlds, WorldsState
+from jbench.tasks.worlds import Chosen, ModelAndData, Worlds, WorldsState
 
 
 class JitterbugWorlds(Worlds):
@@ -44,13 +44,6 @@ class JitterbugWorlds(Worlds):
         self.terminated = np.zeros(robots.count, bool)
         self.truncated = np.zeros(robots.count, bool)
         self.target = Target(np.zeros((robots.count, 3)), np.zeros(robots.count))
-
-    def reset(
-        self, generators: Sequence[Generator], yaw: float | None = None
-    ) -> NDArray[np.float32]:
-        """Begins an episode in each world, with targets of a yaw (rad) or, if None, as drawn."""
-        chosen = {} if yaw is None else {"yaw": np.full(len(generators), yaw)}
-        return self.begin(range(len(generators)), generators, chosen)
 
     def begin(
         self,
@@ -96,7 +89,7 @@ class JitterbugWorlds(Worlds):
         """The state of the robots, with the leading axis (worlds,)."""
         return State(*map(self._by_world, self._state))
 
-    def physics(self, world: int) -> Physics:
+    def physics(self, world: int) -> ModelAndData:
         """Returns the robot of a world and its state, with the target where it is."""
         physics = self._robots.physics(world)
         target = physics.model.body("target")

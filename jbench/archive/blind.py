@@ -236,7 +236,7 @@ def _quietly(read: Callable[[], str]) -> str:
     """Returns what a function reads of this machine, or nothing if it can't."""
     try:
         return read()
-    except (OSError, KeyError):
+    except (OSError, KeyError, ImportError):
         return ""
 
 

@@ -124,7 +124,7 @@ def encoder_code(results: Results, id: str | None) -> dict[str, Any]:
 
     There is none for kinds of jbench, and for an encoder that is not in the results.
     """
-    record = None if id is None else results.find("encoder", id)
+    record = None if id is None else results.find_readable("encoder", id)
     if record is None:
         return {}
     made = code_provenance(str(record.settings.get("kind")))
@@ -151,10 +151,11 @@ def _command(record: Record) -> str:
 def kept_settings(results: Results, settings: EncoderSettings) -> EncoderSettings:
     """Returns settings with the name that results have such an encoder by.
 
-    Encoders from before options were in names keep their ids.
+    Encoders from before options were in names keep their ids; so does a damaged one, which is
+    reported by what reads it.
     """
     older = settings.without_names
-    return settings if results.find("encoder", older.id) is None else older
+    return older if results.has("encoder", older.id) else settings
 
 
 def find_draws(

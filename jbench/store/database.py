@@ -62,6 +62,21 @@ class Results:
         """Returns the record of that id, or None; raises as `folder` and `Folder.read`."""
         return self.folder(kind, id).read()
 
+    def has(self, kind: RecordKind, id: str) -> bool:
+        """Returns whether there is a record of that id, be it damaged."""
+        return (self.folder(kind, id).path / MANIFEST).exists()
+
+    def find_readable(self, kind: RecordKind, id: str) -> Record | None:
+        """Returns the record of that id; None also if it is damaged.
+
+        For questions beside the work, such as whether code has changed: the work that needs the
+        record meets the damage itself, and says so.
+        """
+        try:
+            return self.find(kind, id)
+        except WorkError:
+            return None
+
     def complete_id(self, kind: RecordKind, text: str) -> str:
         """Returns the id of the only record whose id begins with a text; else the text itself.
 
@@ -72,7 +87,7 @@ class Results:
         root = (self.path / f"{kind}s").resolve()
         if root in Path(text).resolve().parents:
             text = Path(text).resolve().relative_to(root).as_posix()
-        if (self.folder(kind, text).path / MANIFEST).exists():
+        if self.has(kind, text):
             return text
 
         ids = [record.id for record in self.scan(kind, text)[0]]

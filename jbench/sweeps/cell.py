@@ -166,10 +166,7 @@ def missing_encoders(
 
 def is_finished(results: Results, kind: RecordKind, id: str) -> bool:
     """Returns whether a record is finished; False if it is damaged, which its writer reports."""
-    try:
-        record = results.find(kind, id)
-    except WorkError:
-        return False
+    record = results.find_readable(kind, id)
     return record is not None and record.status == "finished"
 
 

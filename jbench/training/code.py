@@ -108,10 +108,10 @@ def check_run_code(run: RunSettings, record: Record | None, now: Code) -> None:
 
 def _on_data_of_other_code(run: RunSettings, results: Results) -> list[str]:
     """Returns a sentence if the encoder of a run was trained on data of other code of its task."""
-    encoder = None if run.encoder is None else results.find("encoder", run.encoder)
+    encoder = None if run.encoder is None else results.find_readable("encoder", run.encoder)
     if encoder is None:
         return []
-    dataset = results.find("dataset", str(encoder.settings.get("dataset")))
+    dataset = results.find_readable("dataset", str(encoder.settings.get("dataset")))
     if dataset is None:
         return []
     files = changed_files(dataset.manifest.provenance, find.code_provenance(run.task))
@@ -124,7 +124,7 @@ def _on_data_of_other_code(run: RunSettings, results: Results) -> list[str]:
 
 
 def _encoder_has_changed(run: RunSettings, results: Results) -> bool:
-    record = None if run.encoder is None else results.find("encoder", run.encoder)
+    record = None if run.encoder is None else results.find_readable("encoder", run.encoder)
     code = code_provenance(str(record.settings.get("kind"))) if record is not None else {}
     return record is not None and bool(changed_files(record.manifest.provenance, code))
 

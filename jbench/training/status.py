@@ -122,9 +122,9 @@ def kept_runs(run: RunSettings, results: Results, *free: str) -> list[Record]:
     origins = list[Record]()
     if run.accepted is not None:
         run = run.model_copy(update={"accepted": None})
-        with contextlib.suppress(WorkError):
-            before = results.find("run", run.id)
-            origins += [] if before is None else [before]
+        before = results.find_readable("run", run.id)
+        if before is not None:
+            origins.append(before)
     shorter = shorter_runs(run, results, *free) if run.robots == 1 else []
     return [record for record in (*origins, *shorter) if record.roles()]
 

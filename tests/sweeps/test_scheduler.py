@@ -61,7 +61,7 @@ def test_program_sweeps_without_command_line_and_receives_events(tmp_path):
     events, of_the_command_line = json.loads(done.stdout)
     assert of_the_command_line == []
     sentences = [text for kind, text, *_ in events if kind == "note"]
-    assert sentences[-1].startswith("1 run with 1,000 control steps left at about ")
+    assert "1 run, 1,000 control steps at " in sentences[-1]
     progress = [(text, steps) for kind, text, steps, _ in events if kind == "progress"]
     assert progress[0] == ("collect", 0)
     assert progress[-1] == ("pca3 face_direction", 1)
@@ -136,8 +136,9 @@ def test_run_that_kills_its_process_fails_no_other_run(tmp_path):
     ]
 
 
-@pytest.mark.slow
-def test_damaged_dataset_or_encoder_is_missing_and_stops_no_other_cell(tmp_path, capsys):
+@pytest.fixture
+def with_damaged_encoder(tmp_path):
+    """Returns a command that sweeps where dataset and encoder are damaged, and their two ids."""
     results = Results(tmp_path)
     matrix = write_matrix(tmp_path, representations='"pca3", "full"')
     encoder = matrix_cells(read_matrix(matrix), results)[0].encoders[0]
@@ -145,9 +146,18 @@ def test_damaged_dataset_or_encoder_is_missing_and_stops_no_other_cell(tmp_path,
         folder = results.folder(kind, id)
         folder.path.mkdir(parents=True)
         (folder.path / "manifest.json").write_text("{")
-    typed = ["sweep", matrix, "--results", str(tmp_path), "--json"]
+    return ["sweep", matrix, "--results", str(tmp_path), "--json"], [encoder.dataset, encoder.id]
+
+
+def test_damaged_dataset_and_encoder_would_be_made_first(with_damaged_encoder, capsys):
+    typed, ids = with_damaged_encoder
     assert main([*typed, "--dry-run"]) == 0
-    assert json.loads(capsys.readouterr().out)["made_first"] == [encoder.dataset, encoder.id]
+    assert json.loads(capsys.readouterr().out)["made_first"] == ids
+
+
+@pytest.mark.slow
+def test_damaged_dataset_or_encoder_stops_no_other_cell(with_damaged_encoder, capsys):
+    typed, _ = with_damaged_encoder
     assert main(typed) == 1
     printed = capsys.readouterr()
     assert "manifest.json is not a manifest that can be read" in printed.err

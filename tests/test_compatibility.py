@@ -53,19 +53,21 @@ def test_ids_of_settings_equal_directory_names(kind, results):
 
 @pytest.mark.slow
 def test_reading_commands_accept_old_results(results, tmp_path, monkeypatch, capsys):
-    shorten_episodes(monkeypatch.setattr)  # of the evaluation
-    finished = runs(results, "finished")
+    finished = runs(results, "finished")["sac"].id
+    with monkeypatch.context() as patched:
+        shorten_episodes(patched.setattr)
+        assert main(["evaluate", finished, "--episodes", "1", "--results", str(results.path)]) == 0
+
     for command in (
         ("runs",),
         ("datasets",),
         ("query", "SELECT run, status FROM runs"),
         ("verify",),
-        ("evaluate", finished["sac"].id, "--episodes", "1"),
         ("export",),
         ("report", "--format", "svg", "--out", str(tmp_path / "report")),
     ):
         code = main([*command, "--results", str(results.path)])
-        assert code == 0, (command, capsys.readouterr())
+        assert code == 0, (command, capsys.readouterr().err)
     assert (tmp_path / "report" / "index.html").exists()
 
 

@@ -61,6 +61,15 @@ class Drifts(Leaves):
         return super().step(action)
 
 
+class Wakes(Cart):
+    """Its first states are not seeded."""
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.state = np.random.default_rng().uniform(-1, 1, 2)
+        return self.observe(), {}
+
+
 class HugeReward(Cart):
     def reward(self):
         return np.inf if self.made == 3 else 0.0
@@ -86,8 +95,9 @@ def limited(kind):
     return lambda: TimeLimit(kind(), EPISODE)
 
 
-cart, falls, leaves, drifts, huge_reward, discrete, unbounded, pixels, counts = map(
-    limited, (Cart, Falls, Leaves, Drifts, HugeReward, Discrete, Unbounded, Pixels, Counts)
+cart, falls, leaves, drifts, wakes = map(limited, (Cart, Falls, Leaves, Drifts, Wakes))
+huge_reward, discrete, unbounded, pixels, counts = map(
+    limited, (HugeReward, Discrete, Unbounded, Pixels, Counts)
 )
 
 

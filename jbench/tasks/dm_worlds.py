@@ -121,7 +121,8 @@ class DmWorlds(EndingWorlds):
         """Repeats the episodes of `state` in some worlds; returns all observations.
 
         A world whose observation or end is then another one is in `unlike`. It has the observation
-        of `state`, and needs a new episode.
+        of `state`, and needs a new episode. An episode of which no step was made is begun again,
+        and whatever it observes first is its beginning.
         """
         self.has_begun = True
         self._observations = self._observations.copy()
@@ -131,6 +132,8 @@ class DmWorlds(EndingWorlds):
             if "commands" not in state:
                 continue
             elapsed = int(state["elapsed"][row])
+            if not elapsed:
+                continue
             for command in state["commands"][row, :elapsed]:
                 self._step(world, command)
             observed = state["observations"][row]

@@ -16,6 +16,7 @@ from tests.training.test_resume import kill
 
 LEAVES = "tests.gym_tasks:leaves"
 DRIFTS = "tests.gym_tasks:drifts"
+WAKES = "tests.gym_tasks:wakes"
 
 
 def falling(algo, seed=0, task=LEAVES, **changes):
@@ -101,3 +102,16 @@ def test_episode_that_does_not_repeat_is_truncated_and_the_record_says_so(algo, 
     assert [row["control_steps"] for row in found] == [15 * environments] * count
     assert sum(row["length"] for row in record.read("episodes").to_pylist()) <= run.steps
     assert np.isfinite([row["episode_return"] for row in found]).all()
+
+
+@pytest.mark.parametrize("algo", ["td3", "ppo"])
+def test_episode_without_a_step_is_begun_again_and_not_truncated(algo, tmp_path):
+    """A run saved at the end of an episode has a next one, which may begin elsewhere."""
+    run, results = falling(algo, task=WAKES), Results(tmp_path)
+    assert run_batch([run], results, until=EPISODE * run.environments) == {}
+    assert run_batch([run], results) == {}
+    record = results.find("run", run.id)
+    (note,) = record.manifest.provenance["continued"]
+    assert "truncated" not in note
+    found = record.read("episodes")["length"].to_pylist()
+    assert found == [EPISODE] * (run.steps // EPISODE)

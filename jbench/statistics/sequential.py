@@ -31,6 +31,9 @@ BLOCK = 5
 ERROR_RATE = 0.05
 """Probability of any wrong decision, over all analyses and all comparisons together."""
 
+_ROUNDING = 1e-9
+"""Differences of means that count as equal, relative to the largest number of a seed."""
+
 RELABELINGS = 63_504
 """Relabelings of a test: all of two blocks of 5 + 5 seeds; with more blocks, a random sample."""
 
@@ -94,7 +97,7 @@ def first_above(
     pooled = np.concatenate(sides, axis=-1)
     # (..., blocks, relabelings of a block): the block's difference under each of them.
     differences = pooled @ _weights(block).T
-    rounding = 1e-9 * np.abs(pooled).max(axis=(-1, -2))[..., None]
+    rounding = _ROUNDING * np.abs(pooled).max(axis=(-1, -2))[..., None]
     first = np.zeros(ours.shape[:-1], np.int64)
     boundaries: list[FloatArray] = []
     for chosen in _tables(differences.shape[-1], differences.shape[-2], relabelings):
@@ -134,7 +137,10 @@ def interval(
 def _lowest(ours: FloatArray, theirs: FloatArray, error_rate: float, analyses: int) -> float:
     """Returns the smallest shift of ours that the one-sided test does not reject, by bisection."""
     high = float(ours.mean() - theirs.mean())
-    low = high - (4 * float(np.ptp(np.concatenate([ours - high, theirs]))) + 1e-9)
+    spread = float(np.ptp(np.concatenate([ours - high, theirs])))
+    # Of seeds that are all alike, the difference at the least shift must be more than rounding.
+    largest = float(np.abs(np.concatenate([ours, theirs])).max())
+    low = high - max(4 * spread + 1e-9, 10 * _ROUNDING * largest)
     if not first_above(ours - low, theirs, error_rate, analyses):
         return -np.inf
 

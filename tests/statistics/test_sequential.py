@@ -160,6 +160,15 @@ def test_decision_agrees_with_interval_and_is_final():
     assert verdicts == {"larger", "smaller", "equal", "undecided"}
 
 
+@pytest.mark.parametrize("difference", [0.0, 200.0])
+def test_interval_of_seeds_without_spread_is_their_difference(difference):
+    """Rounding counts as a tie, which must not make the interval unbounded."""
+    compared = compare(np.full(5, 500 + difference), np.full(5, 500.0), 50, 0.05, ANALYSES)
+    assert compared.verdict == ("larger" if difference else "equal")
+    assert (compared.low, compared.high) == pytest.approx((difference, difference), abs=1e-4)
+    assert compared.low <= difference <= compared.high
+
+
 def test_five_seeds_are_undecided_with_shared_error_rate():
     # The smallest p-value of 5 + 5 seeds is 1/252.
     ours, theirs = np.arange(10.0) + 1000, np.arange(10.0)

@@ -11,11 +11,10 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Literal, NamedTuple
 
-from jbench.agents.algorithms import find_class, hyperparameters
+from jbench.agents.algorithms import find_class
 from jbench.agents.plugin import Agent, is_resumable
 from jbench.errors import RequestError, WorkError
 from jbench.names import EVALUATION_EPISODES, KeepState, evaluation_interval
-from jbench.settings.algorithms import OffPolicySettings
 from jbench.settings.recorded import read_run
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
@@ -226,12 +225,14 @@ def check_state_can_be_kept(runs: Iterable[RunSettings], keep: KeepState = "whol
 
 def _compact_obstacle(run: RunSettings) -> str | None:
     """Returns why the replay buffer of a run can't follow from its actions; None if it can."""
-    settings, task = hyperparameters(run), find_task(run.task)
-    if not isinstance(settings, OffPolicySettings):
+    rows = run.algorithm.replay_rows
+    if run.engine != "batched" or rows is None:
         return None  # it has no replay buffer of jbench's
+
+    task = find_task(run.task)
     if not task.repeats():
         return f"{run.task} makes other episodes of the same seed and actions"
-    if task.ends_early and run.environments > 1 and run.last_step > settings.buffer_size:
+    if task.ends_early and run.environments > 1 and run.last_step > rows:
         return (
             "its replay buffer forgets the beginnings of episodes, which end early in several "
             "environments"

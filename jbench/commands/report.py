@@ -179,7 +179,8 @@ def _report(database: "Results", out: Path, request: Request) -> None:
     from jbench.store.query import records
 
     output.if_stopped(f"A report that {out} had before is still there.")
-    frames, files = write_report(None if request.curves else database, out, request)
+    written = write_report(None if request.curves else database, out, request)
+    frames = written.frames
     asked = {"comparisons", "claims"}
     asked |= set() if request.compare else {"final_returns", "verdicts"}
     for table in (table for table in tables(frames) if table.name in asked):
@@ -189,18 +190,18 @@ def _report(database: "Results", out: Path, request: Request) -> None:
         for matrix in verdict_matrices(frames):
             _print_verdicts(table.title, matrix)
 
-    for note in frames.notes:
+    for note in written.notes:
         output.say(f"Note: {note}")
 
     output.say(frames.headline)
     page = out / "index.html"
-    output.say(f"Wrote {len(files)} files to {page.parent}; open {page} in a browser.")
+    output.say(f"Wrote {len(written.files)} files to {page.parent}; open {page} in a browser.")
     if output.is_json:
         shown = ["configurations", "verdicts", "comparisons"]
         if request.claims:
             shown.append("claims")
         entries = {name: records(getattr(frames, name)) for name in shown}
-        about = {"files": files, "notes": frames.notes, "problems": frames.problems}
+        about = {"files": written.files, "notes": written.notes, "problems": frames.problems}
         output.document({"headline": frames.headline, **entries, **about})
 
     output.warn_of_damage(frames.problems, repair_hint(database.name))

@@ -20,7 +20,7 @@ from jbench.report.repetition import drops, repetition
 from jbench.report.runs import run_details
 from jbench.report.svg import panel_svgs
 from jbench.report.table import Column, Table
-from jbench.report.tables import tables
+from jbench.report.tables import notes, tables
 from jbench.report.verdict_matrices import verdict_matrices
 from jbench.wording import counted
 
@@ -49,6 +49,7 @@ def render(frames: Frames, made: Sequence[Chart]) -> str:
 
     return environment.get_template("page.html.j2").render(
         frames=frames,
+        notes=notes(frames),
         policy=policy,
         **assets,
         title=_title(frames),

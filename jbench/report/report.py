@@ -11,6 +11,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -19,7 +20,7 @@ from jbench.report.frames import DEFAULT, Frames
 from jbench.report.latex import to_latex
 from jbench.report.request import Request
 from jbench.report.table import to_csv, to_markdown
-from jbench.report.tables import for_paper, tables, without_cells
+from jbench.report.tables import for_paper, notes, tables
 from jbench.store.database import Results
 from jbench.store.files import make_directory, open_plain, remove, sha256, write_atomic
 
@@ -28,13 +29,24 @@ _NAME = re.compile(r"((figures|tables)/)?[A-Za-z0-9_][A-Za-z0-9_.-]*")
 _MAX_LISTING = 1 << 22  # bytes
 
 
-def write_report(
-    results: Results | None, out: Path, request: Request = DEFAULT
-) -> tuple[Frames, list[Path]]:
+class WrittenReport(NamedTuple):
+    """A report that was written to a directory.
+
+    Attributes:
+        frames: what it shows.
+        files: the written ones.
+        notes: the sentences of the page, and one on files that were kept.
+    """
+
+    frames: Frames
+    files: list[Path]
+    notes: list[str]
+
+
+def write_report(results: Results | None, out: Path, request: Request = DEFAULT) -> WrittenReport:
     """Aggregates all runs over their seeds and writes a page, figures and tables to a directory.
 
-    Returns the frames, whose notes also name files that were kept, and the written files. Results
-    are None if the request is on a file of curves.
+    Results are None if the request is on a file of curves.
 
     Raises:
         RequestError: if there are no runs, none passes the filters, or `out` is not writable.
@@ -48,7 +60,7 @@ def write_report(
 
     try:
         frames = Frames(results, request)
-        frames.notes += without_cells(frames)
+        on_page = notes(frames)  # before anything is written, since it may raise an error
         pa.default_memory_pool().release_unused()  # memory of the rows that were read
         make_directory(out)  # before anything is drawn, since it may raise an error
         texts = {} if request.watched else dict(table_files(frames))
@@ -71,8 +83,7 @@ def write_report(
     finally:
         gc.enable()
 
-    frames.notes += kept
-    return frames, paths
+    return WrittenReport(frames, paths, [*on_page, *kept])
 
 
 def table_files(frames: Frames) -> Iterator[tuple[str, str]]:

@@ -139,7 +139,12 @@ def for_paper(table: Table, frames: Frames) -> Table:
     return table.of(asked or ("task", _agent(frames).title, OBSERVED.title, "seeds", middle))
 
 
-def without_cells(frames: Frames) -> list[str]:
+def notes(frames: Frames) -> list[str]:
+    """Returns the sentences for the reader: on the runs, and on the columns that were asked for."""
+    return [*frames.notes, *_without_cells(frames)]
+
+
+def _without_cells(frames: Frames) -> list[str]:
     """Returns a note on columns that were asked for, and that no row has a value of."""
     asked = frames.request.table_columns
     if asked in (None, ("all",)):

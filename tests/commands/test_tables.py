@@ -206,7 +206,8 @@ def test_spare_columns_are_columns(demo_results, tmp_path, monkeypatch):
     from jbench.report.request import Request
     from jbench.report.tables import tables
 
-    frames, _ = write_report(demo_results, tmp_path, Request(formats=("png",), claims=True))
+    request = Request(formats=("png",), claims=True)
+    frames = write_report(demo_results, tmp_path, request).frames
     titles = {table.name: {column.title for column in table.columns} for table in tables(frames)}
     for name, spare in SPARE.items():
         assert set(spare) <= titles.get(name, set(spare))

@@ -24,7 +24,7 @@ def filled(fabric):
 
 
 def test_report_is_page_list_and_two_folders(filled, out):
-    found, files = write_report(filled, out, SVG)
+    found, files, _ = write_report(filled, out, SVG)
     assert {path.name for path in out.iterdir()} == {"index.html", LISTING, "figures", "tables"}
     assert sorted(files) == sorted(path for path in out.rglob("*") if path.is_file())
     figures = {path.name for path in (out / "figures").iterdir()}
@@ -42,8 +42,8 @@ def test_report_is_page_list_and_two_folders(filled, out):
 
 @pytest.mark.slow
 def test_same_results_give_identical_files(filled, tmp_path):
-    _, first = write_report(filled, tmp_path / "a", SVG)
-    _, second = write_report(filled, tmp_path / "b", SVG)
+    first = write_report(filled, tmp_path / "a", SVG).files
+    second = write_report(filled, tmp_path / "b", SVG).files
     for one, other in zip(first, second, strict=True):
         assert one.read_bytes() == other.read_bytes(), one.name
 
@@ -57,7 +57,7 @@ def test_names_with_path_separators_write_no_file_outside(fabric, out):
     for name in ("face_direction", "x/../../../etc/passwd"):
         for representation in ("full", "x/../../y"):
             fabric.run(FLAT[:4], task=name, algo=name, representation=representation)
-    _, files = write_report(fabric.results, out, SVG)
+    files = write_report(fabric.results, out, SVG).files
     assert sorted(files) == sorted(path for path in out.rglob("*") if path.is_file())
     assert sorted(out.parent.iterdir()) == [out, fabric.results.path]
 

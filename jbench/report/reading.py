@@ -13,10 +13,11 @@ from jbench.report.analysis.scores import Pair
 from jbench.report.data import sources
 from jbench.report.data.configuration import Configuration, with_returns
 from jbench.report.data.returns import KINDS, TRAINING
-from jbench.report.data.shared import leave_out_shared
 from jbench.report.data.sources import Source
 from jbench.report.encoders import encoder_frame
 from jbench.report.request import Request
+from jbench.settings.run import RunSettings
+from jbench.settings.variants import hyperparameter_words
 from jbench.store import Results
 from jbench.store.shipped import shipped_results
 from jbench.wording import repair_hint, with_results
@@ -72,9 +73,21 @@ def read(results: Results | None, request: Request) -> tuple[Source, Pairs]:
 
 
 def _note_shared(source: Source) -> None:
-    """Notes once the hyperparameters that all runs share, in place of every name."""
-    source.shared = leave_out_shared(source.configurations)
-    if source.shared:
+    """Notes once the hyperparameters that all trained runs share, in place of every name."""
+    trained = [c for c in source.configurations if isinstance(c.settings, RunSettings)]
+    if not trained:
+        return
+
+    shared = [
+        word
+        for word in hyperparameter_words(trained[0].settings)
+        if all(word in config.each_word for config in trained)
+    ]
+    for config in trained:
+        config.set_words([word for word in config.each_word if word not in shared])
+
+    source.shared = ", ".join(shared)
+    if shared:
         source.notes.insert(0, f"All runs: {source.shared}, not the defaults.")
 
 

@@ -50,19 +50,19 @@ def variant_labels(
     def label(name: str, value: Any) -> str:
         return code_word(name, value, dates or {}) or f"{name}={_text(value)}"
 
-    return _labels(settings, label)
+    return {variant: ", ".join(words) for variant, words in _labels(settings, label).items()}
 
 
 def variant_words(
     settings: Mapping[str, Run],
     dates: Mapping[str, str] | None = None,
     encoders: Mapping[str, str] | None = None,
-) -> dict[str, str]:
-    """Returns the names of variants of one algorithm and representation in legends.
+) -> dict[str, list[str]]:
+    """Returns the words that name variants of one algorithm and representation in legends.
 
-    A name has the settings that differ between the variants on all tasks, so that it means the same
-    on each, and those that are not the defaults, even if all variants agree. That of the only
-    variant is empty if it has all defaults. A setting with a name of its own is called by it,
+    The words are the settings that differ between the variants on all tasks, so that a name means
+    the same on each, and those that are not the defaults, even if all variants agree. The only
+    variant has no words if it has all defaults. A setting with a name of its own is called by it,
     `stable-baselines3` instead of `engine=sb3`. Users' code is called by the beginning of its
     checksum and by its date, `code 3f2a91 of 2026-11-28`.
 
@@ -87,14 +87,14 @@ def variant_words(
 
     first = dict(next(iter(group.items())) for group in groups.values())
     words = _labels(first, word, (*_SAME_NAME, _WHOSE), in_words=True, always_named=True)
-    named: dict[str, str] = {}
+    named: dict[str, list[str]] = {}
     for variant, group in zip(first, groups.values(), strict=True):
         for task in dict.fromkeys(run.task for run in group.values()):
             # Those of one task differ in their evaluations or encoders.
             same_task = {v: run for v, run in group.items() if run.task == task}
             more = _labels(same_task, word, in_words=True)
-            for v, text in more.items():
-                named[v] = ", ".join(filter(None, (words[variant], text)))
+            for v, apart in more.items():
+                named[v] = words[variant] + apart
 
     return named
 
@@ -144,8 +144,8 @@ def _labels(
     *,
     in_words: bool = False,
     always_named: bool = False,
-) -> dict[str, str]:
-    """Returns the labels of variants, made by a form of names and values.
+) -> dict[str, list[str]]:
+    """Returns the words of labels of variants, made by a form of names and values.
 
     If `in_words`, options of ours at their default are left out. If `always_named`, settings that
     are not the defaults are in them even if all variants agree.
@@ -182,13 +182,11 @@ def _labels(
         )
         shown = {*ranked[:_NAMED_SETTINGS]}
         has_all = has_all and len(shown) == len(ranked)
-        labels[variant] = ", ".join(texts[path] for path in named if path in shown)
+        labels[variant] = [texts[path] for path in named if path in shown]
 
     # Labels must stay distinct, even if settings are left out or values are cut short.
-    if not has_all or len(set(labels.values())) < len(labels):
-        labels = {
-            v: ", ".join(filter(None, (label, f"{CUT} ({v})"))) for v, label in labels.items()
-        }
+    if not has_all or len(set(map(tuple, labels.values()))) < len(labels):
+        labels = {variant: [*label, f"{CUT} ({variant})"] for variant, label in labels.items()}
 
     return labels
 

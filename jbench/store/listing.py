@@ -143,7 +143,7 @@ def list_runs(
     words = {names: variant_words(runs, dates, encoders) for names, runs in variants.items()}
     for line in lines:
         named = words.get((line["algo"], line["representation"]), {})
-        line["variant"] = named.get(line["variant"], "")
+        line["variant"] = ", ".join(named.get(line["variant"], ()))
 
     return lines, problems
 

@@ -5,7 +5,7 @@ that diverges half of the time would look as good as one that never does.
 """
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -108,8 +108,9 @@ def build(
         )
         for _, same in group.groupby(["task", "variant"]):
             same = same.sort_values(_ORDER, ascending=_ASCENDING)
-            parts = words[same["settings_variant"].iloc[0]], codes[same.index[0]]
-            built += _build(same, points, source, ", ".join(filter(None, parts)))
+            code = codes[same.index[0]]
+            named = words[same["settings_variant"].iloc[0]] + ([code] if code else [])
+            built += _build(same, points, source, named)
 
     built.sort(key=lambda config: (*paper_order(config), config.words))
     note_changes(built, dict(zip(runs["run"], runs["code"], strict=True)), begun)
@@ -117,13 +118,13 @@ def build(
     known_names: dict[str, str] = {}
     for config in built:
         if known_names.setdefault(config.configuration, config.variant) != config.variant:
-            config.set_words(", ".join(filter(None, (config.words, config.variant))))
+            config.set_words((*config.each_word, config.variant))
 
     return built, notes
 
 
 def _build(
-    same: pd.DataFrame, points: PointsByKind, source: str, words: str
+    same: pd.DataFrame, points: PointsByKind, source: str, words: Sequence[str]
 ) -> Iterator[Configuration]:
     """Yields a configuration for each kind of return of runs, the longest of each seed first."""
     chosen = same.drop_duplicates("seed")
@@ -156,12 +157,13 @@ def _build(
 
 
 def _notes_on_runs(
-    same: pd.DataFrame, chosen: pd.DataFrame, kind: ReturnsName, words: str
+    same: pd.DataFrame, chosen: pd.DataFrame, kind: ReturnsName, words: Sequence[str]
 ) -> list[str]:
     """Returns notes on unusual ones of the runs of the same settings, of which some are chosen."""
     point = _NAMES[kind][0]
     notes = []
-    if CUT in words and (every := chosen_words(chosen["typed"].iloc[0])):
+    is_cut = any(CUT in word for word in words)
+    if is_cut and (every := chosen_words(chosen["typed"].iloc[0])):
         notes.append(f"its settings other than the defaults: {every}")
 
     if len(chosen) < MIN_SEEDS:

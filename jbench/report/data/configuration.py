@@ -8,14 +8,7 @@ import numpy as np
 import pandas as pd
 
 from jbench.errors import RequestError
-from jbench.names import (
-    FULL,
-    TASKS,
-    Order,
-    ReturnsName,
-    kind_in,
-    shown_representation,
-)
+from jbench.names import FULL, TASKS, Order, ReturnsName, kind_in, shown_representation
 from jbench.report.data.common_steps import (
     CommonPoints,
     SeedPoints,
@@ -72,6 +65,8 @@ class Configuration:
         robot_episodes: episodes with each robot, in the longest run.
         draws: number of different encoders of the runs.
         has_solved_return: whether `SOLVED` counts; what solves tasks of other robots is unknown.
+        each_word: settings that its names have, such as `batch_size=64`.
+        words: these settings, with commas.
         label: name within a task: `TD3 dae12, bfloat16`.
         name: unique name in its source: `face_direction TD3 dae12`.
         configuration: unique name in a report: `reference: face_direction TD3 dae12`.
@@ -81,14 +76,20 @@ class Configuration:
     """
 
     def __init__(
-        self, kind: ReturnsName, runs: pd.DataFrame, points: Points, source: str, words: str
+        self,
+        kind: ReturnsName,
+        runs: pd.DataFrame,
+        points: Points,
+        source: str,
+        words: Sequence[str],
     ) -> None:
         """Collects what is known of runs.
 
         Args:
             runs: a row for each seed, in ascending order; see `build.build`.
             points: (seeds, points) arrays by the names `points.FIELDS`.
-            words: settings that differ from the defaults; see `variants.variant_words`.
+            words: settings that differ from the defaults, a word each; see
+                `variants.variant_words`.
         """
         first = runs.iloc[0]
         self.kind = kind
@@ -126,10 +127,11 @@ class Configuration:
         """The column whose name a reader may choose."""
         return "algo" if self.source == FILE else "representation"
 
-    def set_words(self, words: str) -> None:
+    def set_words(self, words: Sequence[str]) -> None:
         """Sets the names, with settings in words."""
         source = self.source
-        self.words = words
+        self.each_word = tuple(words)
+        self.words = ", ".join(words)
         algo = self.algo if source == FILE else display_name(self.algo)
         shown = shown_representation(self.representation)
         kind = kind_in(self.representation)
@@ -139,12 +141,12 @@ class Configuration:
             shown = self.shown
             kind = self.shown
 
-        label = ", ".join(filter(None, (f"{algo} {shown}".rstrip(), words)))
+        label = ", ".join(filter(None, (f"{algo} {shown}".rstrip(), *words)))
         prefix = "" if source in (OWN, FILE) else f"{source}: "
         self.label = f"{prefix}{label}"
         self.name = f"{self.task} {label}"
         self.configuration = f"{prefix}{self.name}"
-        names = self.configuration, self.label, source, self.task, algo, shown, kind, words
+        names = self.configuration, self.label, source, self.task, algo, shown, kind, self.words
         self.identity = dict(zip(ID, (*names, self.kind), strict=True))  # the columns `ID`
 
     def lengths_up_to(self, control_steps: float) -> IntArray:
@@ -262,7 +264,7 @@ def rename(
         old = config.identity[config.named_by]
         if old in chosen:
             config.shown = chosen[old]
-            config.set_words(config.words)
+            config.set_words(config.each_word)
 
     return chosen
 

@@ -9,6 +9,8 @@ from typing import NamedTuple, get_args
 
 import torch
 
+from jbench.agents.batched.pair_buffer import PairBuffer
+from jbench.agents.batched.replay import ReplayBuffer
 from jbench.cores import cores, one_thread
 from jbench.errors import RequestError, WorkError
 from jbench.settings.engines import ENGINES
@@ -120,8 +122,8 @@ def forecast(statuses: Sequence[CellStatus], jobs: int) -> str | None:
 def memory_sentence(runs: Sequence[RunSettings], device: str = "cpu") -> str | None:
     """Returns a sentence on the replay buffers of concurrent runs; None if they are small.
 
-    Each observation is stored once, in float32, with an action and a reward. An encoder reduces
-    its size. A GPU allocates the whole buffer at the start, also for a run that does not fill it.
+    A row is an observation in float32, with an action and a reward. An encoder reduces its size. A
+    GPU allocates the whole buffer at the start, also for a run that does not fill it.
     """
     needed = 0
     most = 0
@@ -131,7 +133,9 @@ def memory_sentence(runs: Sequence[RunSettings], device: str = "cpu") -> str | N
         task = find_task(run.task)
         size = int(run.hyperparameters.get("buffer_size", 0))
         transitions = min(size, run.steps) if device == "cpu" else size
-        needed += 4 * (task.observation_size + task.action_size + 1) * transitions
+        row = 4 * (task.observation_size + task.action_size + 1)
+        buffer = PairBuffer if task.ends_early else ReplayBuffer
+        needed += row * buffer.rows_per_transition * transitions
         most = max(most, transitions)
 
     if needed < _MIN_REPORTED:

@@ -2,9 +2,12 @@
 
 import torch
 
+from jbench.agents.batched.pair_buffer import PairBuffer
 from jbench.sweeps import cell_status
 from jbench.sweeps.cell_status import memory_sentence
+from jbench.tasks.find import find_task
 from tests.training.small_runs import small_run
+from tests.training.test_gym_runs import run_of
 
 
 def run(algo="ddpg", **changes):
@@ -24,6 +27,15 @@ def test_only_large_replay_buffers_are_reported():
     assert "72000.0 GB" in sentence
     assert "fewer --seeds at a time, or --set buffer_size=" in sentence
     assert memory_sentence([run(engine="sb3")] * 1000) is None
+
+
+def test_buffer_of_episodes_that_end_early_is_as_large_as_what_is_allocated():
+    task = find_task("tests.gym_tasks:leaves")
+    one = run_of("td3", task=task.name, specs=task.specs, steps=5_000_000)
+    one = one.model_copy(update={"hyperparameters": {"buffer_size": 1_000_000}})
+    buffer = PairBuffer(1, 1, 1000, task.observation_size, task.action_size, flush_every=1)
+    sentence = memory_sentence([one] * 1000)
+    assert f" {1000 * 1000 * buffer.seed_rows(range(1)).nbytes / 1e9:.1f} GB " in sentence
 
 
 def test_advised_replay_buffer_is_small_enough(monkeypatch):

@@ -20,6 +20,7 @@ class PairBuffer(ReplayBuffer):
     observed numbers take 144 MB in float32.
     """
 
+    rows_per_transition = 2
     knows_terminals = True
 
     def __init__(self, *sizes: int, flush_every: int, **tensors: Any) -> None:
@@ -86,4 +87,4 @@ class PairBuffer(ReplayBuffer):
 
     def _span(self, transitions: int) -> int:
         """Returns the number of rows of this many consecutive transitions."""
-        return 2 * transitions
+        return self.rows_per_transition * transitions

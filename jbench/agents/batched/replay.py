@@ -53,6 +53,9 @@ class ReplayBuffer:
     of the row of the current observation, whose action is not yet known.
     """
 
+    rows_per_transition = 1
+    """Rows of the ring that a transition takes, but for one more row per episode."""
+
     knows_terminals = False
     """Whether transitions differ in whether anything follows, also without a time limit."""
 

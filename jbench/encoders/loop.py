@@ -123,6 +123,8 @@ class EncoderLearner:
         ahead = self.kind.steps_ahead
         for shard in self.states.learn(self.random):
             pairs = shard.pairs(ahead)
+            if not pairs:  # all of its episodes have ended before
+                continue
             dtype = torch.int32 if pairs < 2**30 else torch.int64
             order = torch.randperm(pairs, generator=self.random, dtype=dtype)
             for indices in order.to(self.device).split(_PREPARED * kind.batch):

@@ -55,7 +55,7 @@ def train_encoder(
         commit_every: minimum seconds between checkpoints, which are written after an epoch.
 
     Raises:
-        RequestError: if the kind looks further ahead than an episode lasts.
+        RequestError: if the kind looks further ahead than any episode lasts.
         ValueError: if the states are not those of the settings, or have another scale.
         WorkError: if another process trains it, the dataset is damaged, a method of its kind fails,
             or the training diverges.
@@ -73,6 +73,7 @@ def train_encoder(
         if record is not None:
             check_code(record, code_provenance(settings.kind))
         states.read(device)
+        _check_pairs(kind, states)
         if settings.columns is not None:
             states = states.only(settings.columns)
         if isinstance(kind, Learned) and settings.kind not in ENCODER_KINDS:
@@ -163,6 +164,23 @@ def _check_horizon(kind: Kind, states: States) -> None:
         raise RequestError(
             f"horizon={kind.steps_ahead} is beyond the end of an episode of {states.task}, which "
             f"has {length} control steps; type a smaller one."
+        )
+
+
+def _check_pairs(kind: Kind, states: States) -> None:
+    """Raises a RequestError if a kind looks beyond the end of all episodes of one side.
+
+    Those that end early may all be shorter than the time limit, which `_check_horizon` knows.
+    """
+    if states.dataset.has_one_length:
+        return
+    ahead = kind.steps_ahead
+    learned = any(shard.pairs(ahead) for shard in states.learn())
+    if not learned or not states.sample.pairs(ahead):
+        which = "held-out" if learned else "training"
+        raise RequestError(
+            f"horizon={ahead} is beyond the end of every {which} episode of {states.dataset.id}: "
+            "type a smaller one, or collect more episodes."
         )
 
 

@@ -7,8 +7,12 @@ import torch
 from jbench.datasets import Dataset, collect, ending
 from jbench.datasets import collect_ending as collecting
 from jbench.datasets.export import export_minari
+from jbench.encoders.loop import EncoderLearner
 from jbench.encoders.pairs import state_pairs
+from jbench.encoders.registry import make_kind
+from jbench.encoders.settings import encoder_settings
 from jbench.encoders.states import States
+from jbench.encoders.training import train_encoder
 from jbench.errors import RequestError
 from jbench.settings.records import DatasetSettings
 from jbench.store import Results
@@ -116,6 +120,32 @@ def test_pairs_of_states_are_within_an_episode(dataset):
         assert {tuple(row) for row in found.tolist()} == known
     action = pairs[0].actions
     assert action.shape[1] == 3
+
+
+def test_kind_that_looks_beyond_every_episode_is_refused(tmp_path):
+    results, task = Results(tmp_path), find_task("tests.gym_tasks:falls")
+    settings = DatasetSettings(**dataset_robot(task), steps=STEPS)
+    dataset = Dataset(collect(settings, results, threads=1))
+    options = {"horizon": 10, "epochs": 1}  # an episode has 7 control steps, of 20 at most
+    encoder = encoder_settings(
+        "ddae", options, task=task.name, latents=2, dataset=dataset.record.id
+    )
+    with pytest.raises(
+        RequestError, match="horizon=10 is beyond the end of every training episode"
+    ):
+        train_encoder(encoder, States(dataset, task.name, 0), results)
+
+
+def test_files_without_a_pair_of_states_are_passed_over(tmp_path, monkeypatch):
+    monkeypatch.setattr(collecting, "_PART_STEPS", 10)
+    dataset = collected(tmp_path)
+    states = States(dataset, LEAVES, 0, memory=1)
+    states.read(torch.device("cpu"))
+    kind = make_kind("ddae", {"horizon": EPISODE - 1, "batch": 4})
+    pairs = [shard.pairs(kind.steps_ahead) for shard in states.learn()]
+    assert 0 in pairs
+    assert max(pairs) > 0
+    assert np.isfinite(EncoderLearner(kind, states, 2).epoch())
 
 
 def test_minari_has_terminations_and_truncations(dataset, tmp_path, monkeypatch):

@@ -36,6 +36,16 @@ def mean_over_run(points: _Floats) -> float | None:
     return float(finite.mean()) if len(finite) else None
 
 
+def last_evaluation_return(evaluations: NDArray[np.int32], returns: _Floats) -> float | None:
+    """Returns the mean return of the last evaluation; None if none of its returns is finite.
+
+    It is the final return of a run's evaluations. Both arguments are of the evaluation episodes
+    (episodes,), of which there may be none.
+    """
+    last = evaluations.max(initial=0)
+    return mean_over_run(returns[evaluations == last])
+
+
 def evaluation_means(evaluations: NDArray[np.int32], returns: _Floats) -> _Floats:
     """Returns the mean return (evaluations,) of each evaluation in order; NaN if none is finite.
 

@@ -11,7 +11,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from jbench.errors import WorkError
-from jbench.returns import evaluation_means, final_return
+from jbench.returns import final_return, last_evaluation_return
 from jbench.settings.code_words import code_dates, encoder_words
 from jbench.settings.recorded import Run, Unreadable, read_run, recorded_episode_steps, variant
 from jbench.settings.variants import variant_words
@@ -225,8 +225,7 @@ def line_with_returns(record: Record, added: Sequence[NDArray[np.float64]]) -> L
     if len(rows):
         line["last_return"] = final_return(rows["episode_return"].to_numpy())
         for name, more in (("evaluation_return", added), ("evaluation_return_at_end", ())):
-            evaluations = evaluation_means(*evaluation_returns(record, more))
-            line[name] = final_return(evaluations, "evaluation")
+            line[name] = last_evaluation_return(*evaluation_returns(record, more))
         if line["wall_time"] is None:
             line["wall_time"] = rows["wall_time"][-1].as_py()
 

@@ -21,6 +21,7 @@ from jbench.report.data.configuration import IMPORTED, OWN, Configuration, paper
 from jbench.report.data.points import PATHS, POINT, run_paths
 from jbench.report.data.returns import EVALUATION, FILE
 from jbench.report.request import Request, setting, settings_typed
+from jbench.returns import last_evaluation_return
 from jbench.settings.code_words import encoder_words
 from jbench.settings.recorded import flatten, parse_run
 from jbench.settings.variants import value_text
@@ -195,16 +196,18 @@ def _encoder_words(encoders: pd.DataFrame) -> dict[str, str]:
 
 
 def returns_at_end(runs: pd.DataFrame, evaluations: pa.Table) -> "pd.Series[float]":
-    """Returns, by source and run, the mean of its last evaluation without added episodes.
+    """Returns, by source and run, its `last_evaluation_return` without added episodes.
 
     Of a run that diverged it is 0, as in the table `final_returns`.
     """
     own = evaluations.filter(pc.field("episode") < ADDED)
     rows = own.select(["run", "evaluation", "episode_return"]).to_pandas(use_threads=False)
     rows = rows.astype({"run": str})
-    last = rows.groupby("run")["evaluation"].transform("max")
-    ends = rows[(rows["evaluation"] == last) & np.isfinite(rows["episode_return"])]
-    returns = runs["run"].map(ends.groupby("run")["episode_return"].mean()).astype(float)
+    ends = {
+        run: last_evaluation_return(of["evaluation"].to_numpy(), of["episode_return"].to_numpy())
+        for run, of in rows.groupby("run")
+    }
+    returns = runs["run"].map(ends).astype(float)
     returns = returns.mask(runs["diverged"].notna(), 0.0).rename("evaluation_return_at_end")
     return returns.set_axis(pd.MultiIndex.from_frame(runs[["source", "run"]]))
 

@@ -138,7 +138,8 @@ def list_runs(
 
     begun = ((read_run(record.settings), record.manifest.created) for record, _ in chosen)
     dates = code_dates(begun)
-    trained = results.scan("encoder")[0] if kind == "run" else []
+    has_encoders = any(record.settings.get("encoder") for record, _ in chosen)
+    trained = results.scan("encoder")[0] if has_encoders else []
     encoders = encoder_words((e.id, e.settings, e.manifest.created) for e in trained)
     words = {names: variant_words(runs, dates, encoders) for names, runs in variants.items()}
     for line in lines:

@@ -111,7 +111,7 @@ class PluginEngine(Engine):
             return self._checked_actions(self._actions(self._agent.act, inputs[0].numpy()))
 
     def _explore_actions(self, observations: Tensor) -> NDArray[np.floating]:
-        """Returns the agent's actions with exploration (environments, action_size)."""
+        """Returns the agent's actions with exploration (1, environments, action_size)."""
         return self._actions(self._agent.explore, observations[0].numpy().copy())
 
     def _store(self, observations: Tensor, actions: NDArray[np.floating], step: StepResult) -> None:
@@ -175,7 +175,7 @@ class PluginEngine(Engine):
     def _actions(
         self, method: Callable[..., Any], observations: NDArray[np.float32]
     ) -> NDArray[np.float64]:
-        """Returns actions of the agent as an array, of which the shape is checked."""
+        """Returns actions (1, n, action_size) of the agent, of which the shape is checked."""
         wanted = (len(observations), self.environments.action_size)
         actions = self._call(method, observations)
         if isinstance(actions, Tensor):

@@ -14,7 +14,7 @@ class StatePairs(NamedTuple):
 
     now: Tensor  # (rows, size) states to encode, corrupted by some kinds
     later: Tensor  # (rows, size) clean states `steps_ahead` control steps later
-    actions: Any = None  # (rows, steps_ahead), if the kind uses actions
+    actions: Any = None  # (rows, steps_ahead * action_size), if the kind uses actions
     noise: Any = None  # (rows, latents) standard normal, of random latents
     rewards: Any = None  # (rows, steps_ahead), if the kind uses actions
 

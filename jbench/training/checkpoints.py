@@ -181,7 +181,7 @@ def load(record: Record) -> tuple[Checkpoint | None, list[str]]:
 
 
 def read_replay(record: Record, row: int) -> Tensor:
-    """Returns the saved rows (environments, rows, size + 2) before number `row`, or a WorkError."""
+    """Returns the saved rows (environments, rows, width) before number `row`, or a WorkError."""
     pieces = [piece for piece in _pieces(record.roles()) if piece.first < row]
     parts = [_tensors(record, piece.role)[_ROWS] for piece in pieces]
     if not parts:

@@ -28,7 +28,7 @@ def query(
     SHOW TABLES lists the tables, and DESCRIBE runs the columns of the table runs.
     """
     from jbench.store import Results
-    from jbench.store.query import named_tables, query_results, records, to_csv
+    from jbench.store.query import named_tables, notes_on_names, query_results, records, to_csv
 
     if as_csv and json:
         raise RequestError("--csv and --json exclude each other; type one of them.")
@@ -49,6 +49,8 @@ def query(
             less = "; --csv prints long texts whole"
         output.frame(counted(len(answer), "row") + less, shown)
 
+    for note in notes_on_names(database, sql):
+        output.warn(note)
     output.warn_of_damage(problems, repair_hint(results))
 
 

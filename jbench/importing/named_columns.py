@@ -92,7 +92,7 @@ def read_named_columns(file: tables.ImportedFile) -> tables.CurveFile:
     for role in ("task", "method"):
         column = columns[role]
         if column is not None:
-            points[role] = table[column]
+            points[role] = table[column].str.strip()  # some writers put a space after commas
         else:
             points[role] = instead[role] or role
             where = "folder" if instead[role] == folder else "file"

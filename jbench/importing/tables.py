@@ -22,6 +22,9 @@ from jbench.importing.request import parse_seed
 MAX_STEPS = 1 << 53
 """Largest number of control steps; float64 counts no further."""
 
+_GZIP = b"\x1f\x8b"
+"""First bytes of a file of gzip, such as the .csv.gz of pandas."""
+
 _SEPARATOR = re.compile(r"sep=(.)\s*", re.IGNORECASE)
 """First line of a file that Excel has written, or that is meant for it."""
 
@@ -49,6 +52,11 @@ def open_file(path: Path) -> ImportedFile:
         raise RequestError(f"{path} is a directory; name the files in it.") from None
     except OSError as error:
         raise RequestError(f"{path} can't be read ({error.strerror}).") from None
+
+    if content.startswith(_GZIP):
+        raise RequestError(
+            f"{path} is compressed; type: gunzip {path}, and name the unpacked file."
+        )
 
     if not content.removeprefix(BOM_UTF8).strip():
         raise RequestError(f"{path} is empty; leave the file out.")

@@ -69,11 +69,14 @@ class OpenedResults:
     def query(self, sql: str) -> pd.DataFrame:
         """Returns the rows of one SELECT, as `jbench query` does; docs/database.md has the tables.
 
+        A `UserWarning` names each representation that is stored under a longer name, such as
+        planar12 for planar.
+
         Raises a RequestError if it is not one SELECT, or DuckDB reports an error.
         """
         rows, problems = query.query_results(self._results, sql)
-        for problem in problems:
-            warnings.warn(problem, stacklevel=2)
+        for sentence in [*problems, *query.notes_on_names(self._results, sql)]:
+            warnings.warn(sentence, stacklevel=2)
         return rows
 
     def runs(self, task: str | None = None, algo: str | None = None) -> pd.DataFrame:

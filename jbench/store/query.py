@@ -8,6 +8,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from importlib import resources
+from itertools import chain
 from typing import Any, NamedTuple
 
 import duckdb
@@ -16,7 +17,7 @@ import pyarrow as pa
 
 from jbench.cores import cores
 from jbench.errors import RequestError, WorkError
-from jbench.names import FULL
+from jbench.names import FULL, shown_representation
 from jbench.store import schema
 from jbench.store.database import Results
 from jbench.store.final_returns import final_returns
@@ -107,6 +108,34 @@ def query_results(results: Results, sql: str) -> tuple[pd.DataFrame, list[str]]:
         return run_sql(sql, tables), problems
     except duckdb.Error as error:
         raise _refusal(error, schema.TABLES, sql) from None
+
+
+def notes_on_names(results: Results, sql: str) -> list[str]:
+    """Returns a sentence for each representation that the SQL calls by the name that reports show.
+
+    Reports show planar12 as planar, and SQL compares texts, so that 'planar' is found nowhere. A
+    text in SQL with the column `kind` may be a kind, which has this name.
+    """
+    texts = set(re.findall(r"'([^']*)'", sql))
+    columns = set(re.findall(r"\w+", sql.lower())) & {"representation", "kind"}
+    if not texts or columns != {"representation"}:
+        return []
+
+    tables = load(results, ("runs", "encoders")).tables
+    names = [tables[table]["representation"].to_pylist() for table in ("runs", "encoders")]
+    recorded = {name for name in chain(*names) if name}
+
+    notes = []
+    for text in sorted(texts - recorded):
+        meant = sorted(name for name in recorded if shown_representation(name) == text)
+        if meant:
+            names_in_sql = ", ".join(f"'{name}'" for name in meant)
+            notes.append(
+                f"No run has the representation '{text}': SQL has whole names. Type "
+                f"representation IN ({names_in_sql})."
+            )
+
+    return notes
 
 
 def named_tables(sql: str) -> set[str]:

@@ -1,5 +1,6 @@
 """Reports on a file of curves of any environment, and the export of such a file."""
 
+import gzip
 import itertools
 import json
 from pathlib import Path
@@ -110,6 +111,20 @@ def test_only_one_kind_of_return_and_nothing_of_the_jitterbug_is_reported(tmp_pa
     assert report.configurations[["reached", "solved", "published"]].isna().all(axis=None)
     for name in ("baselines", "published", "verdicts", "leaderboard", "claims"):
         assert getattr(report, name).empty, name
+
+
+def test_spaces_beside_commas_are_no_part_of_a_name(tmp_path):
+    file = tmp_path / "c.csv"
+    file.write_text(f"{HEAD}\n TD3 , hopper, 0, 1000, 5\nTD3,hopper,1,1000,7\n")
+    points = read_curves(file).points
+    assert points[["method", "task"]].drop_duplicates().to_numpy().tolist() == [["TD3", "hopper"]]
+
+
+def test_compressed_file_is_refused_with_the_command_that_unpacks_it(tmp_path, capsys):
+    file = tmp_path / "c.csv.gz"
+    file.write_bytes(gzip.compress(f"{HEAD}\nTD3,hopper,0,1000,5\n".encode()))
+    assert main(["report", "--curves", str(file)]) == 2
+    assert f"{file} is compressed; type: gunzip {file}" in capsys.readouterr().err
 
 
 def test_training_returns_are_averaged(tmp_path):

@@ -8,6 +8,7 @@ import pytest
 import jbench
 from jbench.settings.recorded import variant
 from jbench.store import query, schema
+from jbench.store.shipped import results_to_read
 from tests.store.store_rows import RUN_SETTINGS, add_run, alter_manifest, listed
 from tests.store.test_damage import truncate
 
@@ -121,3 +122,25 @@ def test_final_returns_are_those_of_python_with_errors(filled):
     assert python["training_return"].tolist() == [3, 60, 100]
     assert python["error"].dropna().to_dict() == {"dae/s0": "killed"}
     assert python.loc["full/s0", "wall_time"] == 7.5
+
+
+def test_a_query_with_the_name_that_reports_show_gets_the_one_in_sql(results, run_command):
+    add_run(results, "planar/s0", [10.0], representation="planar12", encoder="e/planar12/s0")
+    sql = "SELECT run FROM runs WHERE representation = {}"
+    says = (
+        "No run has the representation 'planar': SQL has whole names. Type "
+        "representation IN ('planar12')."
+    )
+    for name, notes in (("'planar'", [says]), ("'planar12'", []), ("'dae12'", [])):
+        assert query.notes_on_names(results, sql.format(name)) == notes
+
+    shipped = results_to_read("reference")  # it has encoders of the kind planar, for three tasks
+    (note,) = query.notes_on_names(shipped, sql.format("'planar'"))
+    assert note.endswith("Type representation IN ('planar12', 'planar13', 'planar14').")
+    of_kind = "SELECT representation FROM encoders WHERE kind = 'planar'"
+    assert query.notes_on_names(shipped, of_kind) == []
+
+    code, out, err = run_command("query", sql.format("'planar'"), "--csv", results=results.path)
+    assert (code, out, err) == (0, "run\n", f"Warning: {says}\n")
+    with pytest.warns(UserWarning, match="No run has the representation 'planar'"):
+        assert jbench.open(results.path).query(sql.format("'planar'")).empty

@@ -7,6 +7,7 @@ import csv
 import hashlib
 import io
 import re
+import shlex
 from codecs import BOM_UTF8
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -55,7 +56,8 @@ def open_file(path: Path) -> ImportedFile:
 
     if content.startswith(_GZIP):
         raise RequestError(
-            f"{path} is compressed; type: gunzip {path}, and name the unpacked file."
+            f"{path} is compressed; type: gunzip {shlex.quote(str(path))}, and name the unpacked "
+            "file."
         )
 
     if not content.removeprefix(BOM_UTF8).strip():

@@ -1,6 +1,7 @@
 """Status of the cells of a matrix, and the estimated time left."""
 
 import contextlib
+import math
 import re
 import statistics
 from collections.abc import Sequence
@@ -62,7 +63,7 @@ def cell_statuses(
         statuses = [run_status(run, results) for run in cell.runs]
         states = [status.state for status in statuses]
         left = sum(status.steps_left for status in statuses)
-        processes = min(jobs, max(1, len(cell.runs) - states.count("finished")))
+        runs = len(cell.runs) - states.count("finished")
 
         exactly, about = (alike(cell.runs[0], free) for free in (SEED, COST))
         if left and quick and not {exactly, about} & estimates.keys():
@@ -74,7 +75,7 @@ def cell_statuses(
                 cell,
                 **{state: states.count(state) for state in get_args(RunState)},
                 steps_left=left,
-                seconds_left=None if seconds is None else left * seconds / processes,
+                seconds_left=None if seconds is None else left * seconds / _busy(runs, jobs),
                 estimate=source if left else "",
                 evaluating=_evaluating(cell.runs[0], seconds, device) if left and seconds else 0.0,
             )
@@ -89,8 +90,16 @@ def seconds_left(statuses: Sequence[CellStatus], jobs: int) -> float | None:
         return None
     times = [status.seconds_left or 0.0 for status in statuses]
     left = (len(status.cell.runs) - status.finished for status in statuses)
-    total = sum(time * min(jobs, runs) for time, runs in zip(times, left, strict=True))
+    total = sum(time * _busy(runs, jobs) for time, runs in zip(times, left, strict=True))
     return max(total / jobs, *times, 0.0)
+
+
+def _busy(runs: int, jobs: int) -> float:
+    """Returns how many of `jobs` processes are busy, as a mean over the time of a cell's runs.
+
+    Runs are not divided: of three runs, one of two processes has two, and the other one waits.
+    """
+    return runs / math.ceil(runs / jobs) if runs else 1.0
 
 
 def forecast(statuses: Sequence[CellStatus], jobs: int) -> str | None:

@@ -90,8 +90,9 @@ def seconds_per_step(
 ) -> float:
     """Returns the seconds per control step of each run of a process, evaluations included.
 
-    The measurement takes seconds, with temporary agents. Encoders are left out: their cost is
-    negligible. The clock is `time.process_time` if other work on the machine is not to count.
+    The mean over a whole run: an agent of an off-policy algorithm costs less until its first
+    update. The measurement takes seconds, with temporary agents. Encoders are left out: their cost
+    is negligible. The clock is `time.process_time` if other work on the machine is not to count.
     Raises a WorkError if neither the algorithm nor the engine is jbench's own.
     """
     settings, algorithm = runs[0], hyperparameters(runs[0])
@@ -101,6 +102,7 @@ def seconds_per_step(
     evaluating, count = evaluation_steps(settings) * idle, settings.environments
     if settings.last_step < algorithm.first_update:
         return idle + evaluating  # it ends before it learns
+
     short = algorithm.measurement(count, device, _UPDATES)
     changed = {**settings.hyperparameters, **short.changes}
     measured = [run.model_copy(update={"hyperparameters": changed}) for run in runs]
@@ -111,11 +113,26 @@ def seconds_per_step(
             nonlocal before, began
             if before < short.first < engine.control_steps:  # the first updates have been made
                 before, began = engine.control_steps, clock()
-            return True
+            # Whole rollouts, with the updates of each. If the first one is measured, its updates
+            # end the training.
+            return before == 0 or engine.control_steps < before + short.rollout
 
         unmeasured = count if short.first else 0  # the step after the first updates
         engine.train(short.first + unmeasured + short.rollout, after_step)
-        return evaluating + (clock() - began) / (engine.control_steps - before)
+        learning = (clock() - began) / (engine.control_steps - before)
+
+    share = learning_share(settings)
+    return evaluating + share * learning + (1 - share) * idle
+
+
+def learning_share(settings: RunSettings) -> float:
+    """Returns the share of a run's control steps that updates follow, as often as later.
+
+    The control steps of the phase that ends with the first update count as such: PPO, whose first
+    update follows its first rollout, has 1.
+    """
+    before = max(0, settings.algorithm.first_update - settings.rollout)
+    return max(0, settings.last_step - before) / settings.last_step
 
 
 def evaluation_steps(settings: RunSettings) -> float:

@@ -79,6 +79,18 @@ def test_time_left_is_estimated_from_finished_runs(results, cell):
     assert seconds_left([line], 8) == pytest.approx(20.0)
 
 
+def test_seeds_are_not_divided_among_processes(results, cell):
+    finish(results, cell.runs[0], 20.0)
+    # Of three seeds at 2 ms a step, one of two processes trains two, 20,000 steps.
+    (line,) = cell_statuses([cell], results, jobs=2, quick=False)
+    assert line.seconds_left == pytest.approx(40.0)
+    assert seconds_left([line], 2) == pytest.approx(40.0)
+    # A second configuration fills the gap: 120 s of a core, on two cores.
+    assert seconds_left([line, line], 2) == pytest.approx(60.0)
+    (line,) = cell_statuses([cell], results, jobs=8, quick=False)
+    assert line.seconds_left == pytest.approx(20.0)
+
+
 def test_runs_of_other_robots_and_machines_give_no_estimate(results, cell):
     record = finish(results, cell.runs[0], 40.0)
     task = "dmc:cheetah-run"

@@ -9,9 +9,9 @@ from jbench.errors import RequestError
 from jbench.policies.saved import WEIGHTS, load_agent
 from jbench.store import Results
 from jbench.store.locks import HeldError
-from jbench.training import batched_run, evaluation
+from jbench.training import batched_run, engines, evaluation
 from jbench.training.batched_run import run_batch
-from jbench.training.engines import seconds_per_step
+from jbench.training.engines import learning_share, make_trainer, seconds_per_step
 from jbench.training.evaluation import derive_seeds, evaluate_policies
 from jbench.training.events import Event
 from jbench.training.repeat import reevaluate
@@ -200,6 +200,50 @@ def test_incompatible_settings_and_devices_are_refused():
 def test_speed_is_measured_with_any_number_of_environments():
     about = {"engine": "batched", "parallel": 7, "steps": 7000, "evaluate_every": 10**4}
     assert seconds_per_step([small_run("ddpg", {}, evaluate_episodes=0, **about)]) > 0
+
+
+@pytest.mark.parametrize(
+    ("algo", "steps", "share"),
+    [
+        # TD3 as published learns after 11,000 control steps, then every 1000; the last 10,000 of
+        # 20,000 are followed by updates.
+        ("td3", 20_000, 0.5),
+        ("td3", 11_000, 1 / 11),
+        ("td3", 10_000, 0.0),
+        ("ppo", 20_480, 1.0),
+    ],
+)
+def test_estimated_speed_counts_steps_without_updates(algo, steps, share):
+    about = {"engine": "batched", "evaluate_every": 10**6, "evaluate_episodes": 0}
+    run = small_run(algo, {}, steps=steps, **about)
+    assert learning_share(run) == pytest.approx(share)
+
+
+@pytest.mark.parametrize(
+    ("algo", "overrides", "parallel", "updates"),
+    [
+        ("ddpg", {}, None, 0.5),  # 50 every 100 control steps
+        ("ddpg", {}, 7, 0.5),
+        ("td3", {"learning_starts": 0}, None, 1.0),  # 1000 every 1000
+        ("ddpg", {"train_freq": 3, "gradient_steps": 2}, None, 2 / 3),
+        ("ppo", {"n_envs": 2, "n_steps": 25, "batch_size": 10}, None, 4 / 50),  # 4 epochs
+    ],
+)
+def test_speed_is_measured_with_the_updates_of_a_run(
+    algo, overrides, parallel, updates, monkeypatch
+):
+    about = {"steps": 10**7, "evaluate_every": 10**7, "evaluate_episodes": 0}
+    run = small_run(algo, overrides, engine="batched", parallel=parallel, **about)
+    made = []
+
+    def make_and_keep(*arguments):
+        made.append(make_trainer(*arguments))
+        return made[-1]
+
+    monkeypatch.setattr(engines, "make_trainer", make_and_keep)
+    # A clock that counts updates.
+    counted = seconds_per_step([run], clock=lambda: made[0].updates if made else 0)
+    assert counted == pytest.approx(updates, rel=1e-3)
 
 
 def test_measuring_speed_does_not_change_results(tmp_path):

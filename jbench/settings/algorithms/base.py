@@ -6,6 +6,7 @@ stable-baselines3. A description says what a setting means, its unit, and after 
 source of its default.
 """
 
+import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal, Self
@@ -213,7 +214,7 @@ class OffPolicySettings(AlgorithmSettings):
         most = max(1, due // updates)
         parts = max(n for n in range(1, most + 1) if steps % n == due % n == 0)
         often = {"train_freq": steps // parts * environments, "gradient_steps": due // parts}
-        rollout = max(often["train_freq"], updates)
+        rollout = often["train_freq"] * math.ceil(updates / often["train_freq"])
         first = self.batch_size + rollout
         changes = {
             "buffer_size": first + rollout,

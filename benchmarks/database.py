@@ -31,7 +31,7 @@ import sys, time
 from pathlib import Path
 from jbench.store import Results, query
 began = time.perf_counter()
-rows, problems = query.query_results(Results(Path(sys.argv[1])), {SQL!r})
+rows, problems, _ = query.query_results(Results(Path(sys.argv[1])), {SQL!r})
 assert not problems
 print(time.perf_counter() - began)
 """

@@ -86,7 +86,7 @@ def demo(
             output.say(said.rstrip())
             raise Exit(process.returncode)
 
-    curves, _ = query_results(database, _CURVES)
+    curves = query_results(database, _CURVES).rows
     highest = highest_return("face_direction")
     curves["learning curve"] = curves["learning curve"].map(partial(sparkline, highest=highest))
     if len(curves):

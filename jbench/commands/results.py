@@ -28,7 +28,7 @@ def query(
     SHOW TABLES lists the tables, and DESCRIBE runs the columns of the table runs.
     """
     from jbench.store import Results
-    from jbench.store.query import named_tables, notes_on_names, query_results, records, to_csv
+    from jbench.store.query import named_tables, query_results, records, to_csv
 
     if as_csv and json:
         raise RequestError("--csv and --json exclude each other; type one of them.")
@@ -36,7 +36,7 @@ def query(
     # The paper's curves are in jbench, so results need not exist.
     needs_results = named_tables(sql) != {"published"}
     database = parsing.results_to_read(results) if needs_results else Results(results)
-    answer, problems = query_results(database, sql)
+    answer, problems, notes = query_results(database, sql)
     if json:
         output.raw(f"{json_text(records(answer))}\n")
     elif as_csv:
@@ -49,7 +49,7 @@ def query(
             less = "; --csv prints long texts whole"
         output.frame(counted(len(answer), "row") + less, shown)
 
-    for note in notes_on_names(database, sql):
+    for note in notes:
         output.warn(note)
     output.warn_of_damage(problems, repair_hint(results))
 

@@ -74,8 +74,8 @@ class OpenedResults:
 
         Raises a RequestError if it is not one SELECT, or DuckDB reports an error.
         """
-        rows, problems = query.query_results(self._results, sql)
-        for sentence in [*problems, *query.notes_on_names(self._results, sql)]:
+        rows, problems, notes = query.query_results(self._results, sql)
+        for sentence in problems + notes:
             warnings.warn(sentence, stacklevel=2)
         return rows
 

@@ -8,7 +8,6 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from importlib import resources
-from itertools import chain
 from typing import Any, NamedTuple
 
 import duckdb
@@ -94,23 +93,39 @@ def published() -> pa.Table:
     return pa.Table.from_pandas(rows, schema.TABLES["published"], preserve_index=False, nthreads=1)
 
 
-def query_results(results: Results, sql: str) -> tuple[pd.DataFrame, list[str]]:
-    """Runs one SELECT over the results, see `run_sql`; returns the problems of `load`, too."""
+class Answer(NamedTuple):
+    """What one SELECT over the results returns.
+
+    Attributes:
+        rows: of the SELECT.
+        problems: an error for each damaged record, which is left out.
+        notes: sentences on names that the results have otherwise.
+    """
+
+    rows: pd.DataFrame
+    problems: list[str]
+    notes: list[str]
+
+
+def query_results(results: Results, sql: str) -> Answer:
+    """Runs one SELECT over the results; see `run_sql`."""
     # Arrow's own allocator releases and requests memory for each file, a third of the time.
     pa.set_memory_pool(pa.system_memory_pool())
     # Only tables whose names occur in the SQL are read. If the SQL builds a name, DuckDB does not
     # find the table, and all tables are read.
     tables, problems = load(results, named_tables(sql) or set(schema.TABLES), coded=True)
     try:
-        return _select(sql, tables), problems
+        rows = _select(sql, tables)
     except duckdb.CatalogException:
         tables, problems = load(results, coded=True)
-        return run_sql(sql, tables), problems
+        rows = run_sql(sql, tables)
     except duckdb.Error as error:
         raise _refusal(error, schema.TABLES, sql) from None
 
+    return Answer(rows, problems, _notes_on_names(sql, tables))
 
-def notes_on_names(results: Results, sql: str) -> list[str]:
+
+def _notes_on_names(sql: str, tables: Mapping[str, pa.Table]) -> list[str]:
     """Returns a sentence for each representation that the SQL calls by the name that reports show.
 
     Reports show planar12 as planar, and SQL compares texts, so that 'planar' is found nowhere. A
@@ -121,9 +136,10 @@ def notes_on_names(results: Results, sql: str) -> list[str]:
     if not texts or columns != {"representation"}:
         return []
 
-    tables = load(results, ("runs", "encoders")).tables
-    names = [tables[table]["representation"].to_pylist() for table in ("runs", "encoders")]
-    recorded = {name for name in chain(*names) if name}
+    recorded: set[str] = set()
+    for table in tables.values():
+        if "representation" in table.column_names:
+            recorded.update(filter(None, table["representation"].unique().to_pylist()))
 
     notes = []
     for text in sorted(texts - recorded):

@@ -18,7 +18,7 @@ TASK = "face_direction"
 
 def column(results, encoder="%"):
     sql = f"SELECT kept FROM encoder_features WHERE encoder LIKE '{encoder}' ORDER BY index"
-    frame, problems = query_results(results, sql)
+    frame, problems, _ = query_results(results, sql)
     assert problems == []
     return frame["kept"].to_numpy(float)
 
@@ -78,7 +78,7 @@ def test_share_of_chosen_features_only(trained, results):
 def test_damaged_weights_are_a_problem_of_the_encoder(trained, results):
     record = train(States(trained.dataset, TASK, 2), results, "pca", 2)
     (record.path / "encoder.safetensors").write_bytes(b"no")
-    frame, (problem,) = query_results(results, "SELECT kept FROM encoder_features")
+    frame, (problem,), _ = query_results(results, "SELECT kept FROM encoder_features")
     assert len(frame) == 0
     assert "encoder.safetensors is damaged" in problem
 

@@ -124,7 +124,7 @@ def rows(tmp_path):
     def read(name="import_points"):
         joined = "SELECT seed, p.* FROM import_points p JOIN imports USING (import)"
         sql = "FROM imports" if name == "imports" else f"{joined} ORDER BY point, episode"
-        rows, problems = query.query_results(Results(tmp_path / "results"), sql)
+        rows, problems, _ = query.query_results(Results(tmp_path / "results"), sql)
         assert problems == []
         return {int(seed): frame for seed, frame in rows.groupby("seed")}
 

@@ -132,13 +132,16 @@ def test_a_query_with_the_name_that_reports_show_gets_the_one_in_sql(results, ru
         "representation IN ('planar12')."
     )
     for name, notes in (("'planar'", [says]), ("'planar12'", []), ("'dae12'", [])):
-        assert query.notes_on_names(results, sql.format(name)) == notes
+        assert query.query_results(results, sql.format(name)).notes == notes
 
     shipped = results_to_read("reference")  # it has encoders of the kind planar, for three tasks
-    (note,) = query.notes_on_names(shipped, sql.format("'planar'"))
+    of_encoders = "SELECT encoder FROM encoders WHERE representation = 'planar'"
+    (note,) = query.query_results(shipped, of_encoders).notes
     assert note.endswith("Type representation IN ('planar12', 'planar13', 'planar14').")
+    (note,) = query.query_results(shipped, sql.format("'planar'")).notes
+    assert note.endswith("Type representation IN ('planar12').")  # the only one with runs
     of_kind = "SELECT representation FROM encoders WHERE kind = 'planar'"
-    assert query.notes_on_names(shipped, of_kind) == []
+    assert query.query_results(shipped, of_kind).notes == []
 
     code, out, err = run_command("query", sql.format("'planar'"), "--csv", results=results.path)
     assert (code, out, err) == (0, "run\n", f"Warning: {says}\n")

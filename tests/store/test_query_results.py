@@ -17,7 +17,7 @@ def filled(results):
 
 
 def rows(results, sql):
-    found, problems = query.query_results(results, sql)
+    found, problems, _ = query.query_results(results, sql)
     assert problems == []
     return found.to_numpy().tolist()
 
@@ -49,7 +49,7 @@ def test_files_of_unused_tables_are_not_read(filled):
     truncate(damaged.path / listed(damaged)[0])
     assert rows(filled, "SELECT run FROM runs ORDER BY run") == [["a"], ["b"]]
     sql = "SELECT run, count(*) FROM episodes JOIN runs USING (run) GROUP BY 1"
-    found, problems = query.query_results(filled, sql)
+    found, problems, _ = query.query_results(filled, sql)
     assert (found.to_numpy().tolist(), len(problems)) == ([["b", 1]], 1)
 
 

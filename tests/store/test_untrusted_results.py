@@ -193,7 +193,7 @@ def test_any_printable_name_is_read_and_is_no_formula_in_csv(untrusted, algo, ca
     untrusted.create("run", "a/b", {**RUN_SETTINGS, "algo": algo})
     assert main(["query", "SELECT algo FROM runs", "--results", str(untrusted.path)]) == 0
     assert algo in capsys.readouterr().out
-    rows, problems = query.query_results(untrusted, "SELECT algo FROM runs WHERE run = 'a/b'")
+    rows, problems, _ = query.query_results(untrusted, "SELECT algo FROM runs WHERE run = 'a/b'")
     assert (rows["algo"].tolist(), problems) == ([algo], [])
     written = f"'{algo}" if algo[0] == "=" else algo
     assert query.to_csv(rows) == f"algo\n{written}\n"

@@ -29,7 +29,7 @@ def only(results, kind):
 
 def test_renamed_column_is_read_under_new_name(old):
     sql = "SELECT epoch, train_loss, test_mse FROM encoder_epochs ORDER BY 1"
-    rows, problems = query.query_results(old, sql)
+    rows, problems, _ = query.query_results(old, sql)
     assert problems == []
     # The old version wrote train_mse = 1 and 1/2, and test_mse = 1/2 and 1/4.
     assert rows.to_numpy().tolist() == [[1, 1.0, 0.5], [2, 0.5, 0.25]]

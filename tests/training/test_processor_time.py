@@ -47,7 +47,7 @@ def test_seeds_share_processor_time_evenly(seeds, tmp_path):
             [2 * share, 5 * share, 6 * share, 6 * share],
         ]
         assert record.manifest.summary["processor_time"] == 7 * share
-    rows, _ = query.query_results(Results(tmp_path), "SELECT DISTINCT processor_time FROM runs")
+    rows = query.query_results(Results(tmp_path), "SELECT DISTINCT processor_time FROM runs").rows
     assert rows["processor_time"].tolist() == [7 * share]
 
 

@@ -12,6 +12,7 @@ class EngineFacts:
     Attributes:
         takes_many_seeds: whether runs that differ in their seeds can be trained in one process.
         has_options: whether it has the settings precision and ofe.
+        has_replay_buffers: whether off-policy algorithms learn from jbench's replay buffers.
         is_for_gpu: whether it trains on a GPU, too.
         has_one_stream: whether all evaluations of a run draw from one generator, episode by
             episode; otherwise each has its own, and its episodes are stepped together.
@@ -21,13 +22,16 @@ class EngineFacts:
 
     takes_many_seeds: bool = False
     has_options: bool = False
+    has_replay_buffers: bool = False
     is_for_gpu: bool = False
     has_one_stream: bool = False
     copies_round_alike: bool = True
 
 
 ENGINES: dict[str, EngineFacts] = {
-    "batched": EngineFacts(takes_many_seeds=True, has_options=True, is_for_gpu=True),
+    "batched": EngineFacts(
+        takes_many_seeds=True, has_options=True, has_replay_buffers=True, is_for_gpu=True
+    ),
     "sb3": EngineFacts(has_one_stream=True),
     # An agent computes its actions by its own code.
     "plugin": EngineFacts(is_for_gpu=True, copies_round_alike=False),

@@ -158,6 +158,16 @@ class RunSettings(TrainedSettings):
         return self.parallel or self.algorithm.environments
 
     @property
+    def replay_capacity(self) -> int | None:
+        """Number of transitions that the agent's replay buffer holds; None without one of jbench's.
+
+        All off-policy algorithms, those of other packages too, call this setting `buffer_size`.
+        """
+        if not ENGINES[self.engine].has_replay_buffers:
+            return None
+        return self.hyperparameters.get("buffer_size")
+
+    @property
     def rollout(self) -> int:
         """Number of control steps between learning phases; 1 if it is unknown."""
         return self.algorithm.rollout(self.environments)

@@ -14,7 +14,6 @@ from jbench.agents.batched.pair_buffer import PairBuffer
 from jbench.agents.batched.replay import ReplayBuffer
 from jbench.cores import cores, one_thread
 from jbench.errors import RequestError, WorkError
-from jbench.settings.engines import ENGINES
 from jbench.settings.recorded import COST, SEED, alike, read_run
 from jbench.settings.run import RunSettings
 from jbench.store import Results
@@ -137,11 +136,12 @@ def memory_sentence(runs: Sequence[RunSettings], device: str = "cpu") -> str | N
     needed = 0
     most = 0
     for run in runs:
-        if not ENGINES[run.engine].has_options:
+        capacity = run.replay_capacity
+        if capacity is None:
             continue
+
         task = find_task(run.task)
-        size = int(run.hyperparameters.get("buffer_size", 0))
-        transitions = min(size, run.steps) if device == "cpu" else size
+        transitions = min(capacity, run.steps) if device == "cpu" else capacity
         row = 4 * (task.observation_size + task.action_size + 1)
         buffer = PairBuffer if task.ends_early else ReplayBuffer
         needed += row * buffer.rows_per_transition * transitions

@@ -225,14 +225,14 @@ def check_state_can_be_kept(runs: Iterable[RunSettings], keep: KeepState = "whol
 
 def _compact_obstacle(run: RunSettings) -> str | None:
     """Returns why the replay buffer of a run can't follow from its actions; None if it can."""
-    rows = run.algorithm.replay_rows
-    if run.engine != "batched" or rows is None:
-        return None  # it has no replay buffer of jbench's
+    capacity = run.replay_capacity
+    if capacity is None:
+        return None
 
     task = find_task(run.task)
     if not task.repeats():
         return f"{run.task} makes other episodes of the same seed and actions"
-    if task.ends_early and run.environments > 1 and run.last_step > rows:
+    if task.ends_early and run.environments > 1 and run.last_step > capacity:
         return (
             "its replay buffer forgets the beginnings of episodes, which end early in several "
             "environments"

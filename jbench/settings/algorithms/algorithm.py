@@ -40,11 +40,6 @@ class Algorithm(Settings):
         """Whether it learns from mirror images, too."""
         return False
 
-    @property
-    def replay_rows(self) -> int | None:
-        """Transitions that the batched engine's replay buffer holds; None if it has none."""
-        return None
-
     def rollout(self, environments: int) -> int:
         """Returns the control steps over all environments between learning phases."""
         return 1

@@ -198,11 +198,6 @@ class OffPolicySettings(AlgorithmSettings):
         """See `Algorithm.is_mirrored`."""
         return self.mirror
 
-    @property
-    def replay_rows(self) -> int:
-        """See `Algorithm.replay_rows`."""
-        return self.buffer_size
-
     def check_environments(self, environments: int) -> Self:
         """See `Algorithm.check_environments`."""
         self.schedule(environments)

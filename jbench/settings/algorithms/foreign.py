@@ -23,8 +23,3 @@ class Foreign(Algorithm):
     def is_mirrored(self) -> bool:
         """See `Algorithm.is_mirrored`; rules have the setting `mirror`."""
         return bool(self.hyperparameters.get("mirror"))
-
-    @property
-    def replay_rows(self) -> int | None:
-        """See `Algorithm.replay_rows`; rules have the setting `buffer_size`."""
-        return self.hyperparameters.get("buffer_size")

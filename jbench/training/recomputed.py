@@ -63,7 +63,7 @@ class RecomputedRows:
     def _others(self, source: Record, replay: CompactReplay) -> Iterator[_Kept]:
         """Yields the states of other new runs that can be computed beside the one of `source`."""
         for run in self._runs:
-            if self._results.find("run", run.id) is not None:
+            if self._results.has("run", run.id):
                 continue
             for record in kept_runs(run, self._results)[:1]:
                 checkpoint, _ = load(record)

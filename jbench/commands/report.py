@@ -217,8 +217,10 @@ def _print_verdicts(title: str, matrix: "VerdictMatrix") -> None:
             cells = (cell and f"{cell['mark']} {cell['verdict']}" for cell in row["verdicts"])
             rows.append([about, OBSERVED.form(row), *cells])
 
-    heads = product(matrix.baselines, matrix.claims.values())
-    header = ["", "representation", *(f"{title} against {name}" for name, title in heads)]
+    header = ["", "representation"]
+    for baseline, claim in product(matrix.baselines, matrix.claims.values()):
+        header.append(f"{claim} against {baseline}")
+
     output.table(title, header, rows)
 
 

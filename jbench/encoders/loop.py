@@ -123,7 +123,7 @@ class EncoderLearner:
         ahead = self.kind.steps_ahead
         for shard in self.states.learn(self.random):
             pairs = shard.pairs(ahead)
-            if not pairs:  # all of its episodes have ended before
+            if not pairs:  # its episodes are all shorter
                 continue
             dtype = torch.int32 if pairs < 2**30 else torch.int64
             order = torch.randperm(pairs, generator=self.random, dtype=dtype)

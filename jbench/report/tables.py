@@ -140,7 +140,7 @@ def for_paper(table: Table, frames: Frames) -> Table:
 
 
 def notes(frames: Frames) -> list[str]:
-    """Returns the sentences for the reader: on the runs, and on the columns that were asked for."""
+    """Returns the notes of a report: those on its runs, and one on columns without any value."""
     return [*frames.notes, *_without_cells(frames)]
 
 

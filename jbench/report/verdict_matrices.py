@@ -25,8 +25,9 @@ class VerdictMatrix:
     Attributes:
         baselines: names of the representations that are compared with.
         claims: what is said of each, by claim.
-        groups: by task and algorithm in words, a row for each representation, whose `verdicts` are
-            those of all claims for the first baseline, then for the next; None where one is absent.
+        groups: by task and algorithm in words, a row for each representation. Its `verdicts` are
+            a cell for each claim against the first baseline, then against the next; a cell is None
+            where nothing was compared.
     """
 
     baselines: Sequence[str]
@@ -42,7 +43,7 @@ def verdict_matrices(frames: Frames) -> list[VerdictMatrix]:
     scales = ends["end"].astype(float).abs().groupby(ends["claim"]).quantile(0.9).fillna(1.0)
     families: list[list[str]] = []
     for _, compared in verdicts.groupby("configuration", sort=False)["against"]:
-        met = [family for family in families if not compared[compared.isin(family)].empty]
+        met = [family for family in families if compared.isin(family).any()]
         families = [family for family in families if family not in met]
         families.append(list(dict.fromkeys([*chain(*met), *compared])))
 
@@ -81,10 +82,11 @@ def _verdict(row: Mapping[Any, Any], reach: float) -> dict[str, Any]:
     interval = f" [{low}, {high}]" if np.isfinite([row["low"], row["high"]]).all() else ""
     enough = row["seeds"] >= DECIDING_SEEDS and np.isfinite(row["corrected_low"])
     undecided = "undecided" if enough else "needs more"
-    names = ("value", "low", "high", "corrected_low", "corrected_high")
+    ends = ("value", "low", "high", "corrected_low", "corrected_high")
+    places = {name: at(row[name]) for name in ends}
     return {
         **row,
-        **{name: at(row[name]) for name in names},
+        **places,
         "verdict": undecided if row["verdict"] == "undecided" else row["verdict"],
         "size": "" if np.isnan(row["value"]) else value,
         "numbers": f"uncorrected: {value}{interval}, {row['seeds']} seeds",

@@ -34,9 +34,17 @@ class VerdictMatrix:
     claims: Mapping[str, str]
     groups: Mapping[str, Sequence[Mapping[str, Any]]]
 
+    @property
+    def row_count(self) -> int:
+        """Number of representations, each counted for every task and algorithm."""
+        return sum(len(rows) for rows in self.groups.values())
+
 
 def verdict_matrices(frames: Frames) -> list[VerdictMatrix]:
-    """Returns the verdicts, apart for representations that have no baseline in common."""
+    """Returns the verdicts, apart for representations that have no baseline in common.
+
+    Those on the most representations come first.
+    """
     verdicts = frames.lead(frames.verdicts)
     # Half of the width of a claim's small axis; few intervals reach beyond it.
     ends = verdicts.melt("claim", ["low", "high"], value_name="end").replace(np.inf, np.nan)
@@ -47,10 +55,11 @@ def verdict_matrices(frames: Frames) -> list[VerdictMatrix]:
         families = [family for family in families if family not in met]
         families.append(list(dict.fromkeys([*chain(*met), *compared])))
 
-    return [
+    matrices = [
         _verdict_matrix(verdicts[verdicts["against"].isin(family)], family, scales)
         for family in families
     ]
+    return sorted(matrices, key=lambda matrix: matrix.row_count, reverse=True)
 
 
 def _verdict_matrix(

@@ -60,16 +60,17 @@ def test_variability_is_judged_in_both_designs(frames):
 
 
 def test_representations_without_a_common_baseline_have_tables_of_their_own(fabric, frames):
-    latents = {"representation": "dae12", "encoder": "face_direction/dae12/s00-00000003"}
-    for seed in range(2):
-        for final, own in ((700, {}), (800, latents)):
-            fabric.run([final], seed, evaluated={1000: final}, algo="td3", **own)
+    for name in ("full", "dae12", "planar12", "pca12"):
+        encoder = None if name == "full" else f"face_direction/{name}/s00-00000003"
+        for seed in range(2):
+            own = {"algo": "td3", "representation": name, "encoder": encoder}
+            fabric.run([700], seed, evaluated={1000: 700}, **own)
 
     matrices = verdict_matrices(Frames(fabric.results, Request()))
 
-    assert [list(matrix.baselines) for matrix in matrices] == [["raw"], ["full"]]
+    assert [list(matrix.baselines) for matrix in matrices] == [["full"], ["raw"]]
     rows = [[row for group in matrix.groups.values() for row in group] for matrix in matrices]
-    assert [row["words"] for row in rows[0]] == ["an encoder per agent", "one encoder"]
-    assert [row["representation"] for row in rows[1]] == ["dae12"]
+    assert {row["representation"] for row in rows[0]} == {"dae12", "planar", "pca12"}
+    assert [row["words"] for row in rows[1]] == ["an encoder per agent", "one encoder"]
     for matrix, shown in zip(matrices, rows, strict=True):
         assert {len(row["verdicts"]) for row in shown} == {len(matrix.claims)}  # one baseline

@@ -9,7 +9,7 @@ distribution.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,8 +30,9 @@ probability 1 - 2^(1 - n), 94% for five, 97% for six."""
 class Estimate(NamedTuple):
     """A number with its uncertainty, which is NaN with fewer than `MIN_SEEDS` seeds.
 
-    `value` is the statistic of all seeds, `low` to `high` its interval, and `standard_error` the
-    standard deviation of its bootstrap distribution.
+    `value` is the statistic of all seeds, `low` to `high` its interval, whose ends may be infinite,
+    and `standard_error` the standard deviation of its bootstrap distribution; NaN if that has
+    numbers that are not finite.
     """
 
     value: float
@@ -140,18 +141,26 @@ class Resampled(NamedTuple):
     drawn: FloatArray
 
     def estimate(self, confidence: float = 0.95) -> Estimate:
-        """Returns the statistic with its interval of percentiles."""
-        # Seeds that never reach a threshold have infinite scores, which can't be interpolated.
-        drawn = self.drawn[~np.isnan(self.drawn)]
+        """Returns the statistic with its interval of percentiles.
+
+        A resample without a value, such as a ratio of 0 to 0, may be anything: it counts as lower
+        than all others at the lower end, and as higher at the upper end. So the interval is that of
+        all numbers if more resamples have none than an end leaves out.
+        """
+        drawn = self.drawn
         if not len(drawn):
             return Estimate(self.value)
 
         tail = (1 - confidence) / 2
-        infinite = np.isinf(drawn).any()
-        method: Any = "higher" if infinite else "linear"
-        low, high = np.quantile(drawn, [tail, 1 - tail], method=method)
-        error = np.nan if infinite else float(np.std(drawn))
-        return Estimate(self.value, float(low), float(high), error)
+        if np.isfinite(drawn).all():
+            low, high = np.quantile(drawn, [tail, 1 - tail])
+            return Estimate(self.value, float(low), float(high), float(np.std(drawn)))
+
+        # Seeds that never reach a threshold have infinite scores, which can't be interpolated.
+        has_none = np.isnan(drawn)
+        low = np.quantile(np.where(has_none, -np.inf, drawn), tail, method="higher")
+        high = np.quantile(np.where(has_none, np.inf, drawn), 1 - tail, method="higher")
+        return Estimate(self.value, float(low), float(high))
 
     def interval(self, confidence: float) -> tuple[float, float]:
         """Returns the ends of the interval of percentiles."""

@@ -10,11 +10,14 @@ from typing import Any
 from jbench.errors import RequestError
 from jbench.names import SWEEPS, known
 
+NULL = "null"
+"""Text that means null, which TOML does not have."""
+
 
 def read_file(name: str) -> dict[str, Any]:
     """Returns the content of a shipped file, by one of the names `SWEEPS`, or of a FILE.toml.
 
-    Raises a RequestError if there is no such file, or it is not TOML.
+    `NULL` is None. Raises a RequestError if there is no such file, or it is not TOML.
     """
     path: Any = Path(name)
     if name in SWEEPS:
@@ -24,12 +27,23 @@ def read_file(name: str) -> dict[str, Any]:
         known("matrix", name, (*SWEEPS, file))
 
     try:
-        return tomllib.loads(path.read_text("utf-8"))
+        content: dict[str, Any] = _with_nulls(tomllib.loads(path.read_text("utf-8")))
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "it is not text"
         raise RequestError(f"{name} can't be read ({reason}).") from None
     except (ValueError, RecursionError) as error:  # ValueError: also of thousands of digits
         raise RequestError(f"{name} is not TOML ({error}); docs/sweeps.md shows a file.") from None
+
+    return content
+
+
+def _with_nulls(value: Any) -> Any:
+    """Returns a value of TOML in which each text `NULL` is None."""
+    if isinstance(value, dict):
+        return {name: _with_nulls(item) for name, item in value.items()}
+    if isinstance(value, list):
+        return [_with_nulls(item) for item in value]
+    return None if value == NULL else value
 
 
 def tables(name: str, content: Mapping[str, Any], key: str) -> dict[str, dict[str, Any]]:

@@ -10,6 +10,7 @@ from jbench.names import in_ranges
 from jbench.settings.base import canonical_json, in_id
 from jbench.settings.recorded import SEED, Run, alike, read_run
 from jbench.settings.run import TYPED, RunSettings
+from jbench.studies.file import NULL
 
 _EVALUATION = "evaluate_"
 _OWN = ("tasks", "algos", "representations", "seeds", "encoder", "ofe")
@@ -203,16 +204,16 @@ def _quoted(name: str) -> str:
 
 
 def _toml(value: Any) -> str:
-    """Returns a JSON value as TOML, which has no null: those of a table are left out."""
+    """Returns a JSON value as TOML; null, which TOML does not have, as `NULL`."""
+    if value is None:
+        return _text(NULL)
     if isinstance(value, Mapping):
-        pairs = [
-            f"{_quoted(str(name))} = {_toml(item)}"
-            for name, item in value.items()
-            if item is not None
-        ]
+        pairs = [f"{_quoted(str(name))} = {_toml(item)}" for name, item in value.items()]
         return f"{{ {', '.join(pairs)} }}" if pairs else "{}"
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(_toml, value))}]"
+    if isinstance(value, float):
+        return repr(value)  # inf and nan as well, which JSON does not have
     return _text(value) if isinstance(value, str) else json.dumps(value)
 
 

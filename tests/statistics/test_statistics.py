@@ -97,6 +97,21 @@ def test_seeds_that_never_reach_a_return_count_as_infinite():
     assert st.median([np.array([10.0, np.inf, np.inf])]) == np.inf
 
 
+def test_resamples_without_a_value_do_not_narrow_an_interval():
+    # The numbers 1 to 99, and one resample without any. At the lower end it comes before 1, so that
+    # the sixth of all is 5. At the upper end it comes after 99, and the fifth from above is 96.
+    some = st.Resampled(50.0, np.append(np.arange(1.0, 100.0), np.nan)).estimate(0.9)
+    assert (some.low, some.high) == (5.0, 96.0)
+    assert np.isnan(some.standard_error)
+
+    # All of ours are equal. A third of the resamples, (5/6)^6, has equal ones of theirs as well, so
+    # that their ratio is 0 to 0: nothing is known of it. Without them it would be 0, from 0 to 0.
+    equal = np.full(6, 5.0)
+    one_differs = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 10.0])
+    ratio = st.estimate(st.ratio(st.standard_deviation), [equal], [one_differs])
+    assert (ratio.value, ratio.low, ratio.high) == (0.0, -np.inf, np.inf)
+
+
 def test_seeds_to_decide_match_hand_computed_values():
     # An effect of one standard error needs (1.96 + 0.8416)^2 = 7.85 times the seeds.
     assert seeds_to_decide(1.0, 1.0, 10) == 79

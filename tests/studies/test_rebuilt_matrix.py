@@ -1,6 +1,7 @@
 """Tests that the written matrix and commands train the recorded runs again: the same ids."""
 
 import shlex
+import tomllib
 
 import pytest
 from typer.main import get_command
@@ -14,6 +15,7 @@ from jbench.settings.run import TYPED
 from jbench.store import Results
 from jbench.store.shipped import shipped_results
 from jbench.studies.commands import commands
+from jbench.studies.file import read_file
 from jbench.studies.matrix import read_matrix
 from jbench.studies.rebuilt_matrix import matrix
 from jbench.sweeps.cell import all_runs, matrix_cells
@@ -29,6 +31,8 @@ VARIED = [
     {"algo": "ddpg", "seeds": [2], "task": "dmc:cartpole-balance", "evaluate_episodes": 3},
     {"algo": "ppo", "seeds": [1], "time_limit": "terminal", "augment": 5, "robots": 2},
     {"algo": "jbench.rules:SAC", "seeds": [1], "overrides": {"ent_coef": 0.2}},
+    # That of stable-baselines3 is no bound of the change of a value: null, which TOML lacks.
+    {"algo": "ppo", "seeds": [1], "base": "sb3"},
 ]
 
 
@@ -109,6 +113,19 @@ def test_parts_name_shared_values_once_and_tasks_together(tmp_path):
     assert text.count("[[part]]") == 2
     assert text.count("learning_starts") == 1
     assert 'tasks = ["face_direction", "move_to_pose"]' in text
+
+
+def test_values_that_toml_does_not_have_are_written_as_toml(tmp_path):
+    rule = next(run for run in made(tmp_path) if run.algo == "jbench.rules:SAC").values
+    unusual = {"bound": None, "bounds": [None, 2.5e-7], "": "null of \u2028"}
+    text = matrix([{**rule, "hyperparameters": unusual}], {})
+    (part,) = tomllib.loads(text)["part"]
+    written = {"bound": "null", "bounds": ["null", 2.5e-7], "": "null of \u2028"}
+    assert part["hyperparameters"] == {"jbench.rules:SAC": written}
+
+    (tmp_path / "m.toml").write_text(text)
+    (part,) = read_file(str(tmp_path / "m.toml"))["part"]
+    assert part["hyperparameters"] == {"jbench.rules:SAC": unusual}
 
 
 def test_recorded_commands_stand_as_typed_and_other_programs_are_comments():

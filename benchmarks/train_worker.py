@@ -38,10 +38,11 @@ def settings_of(request: Request) -> Any:
 def batched(request: Request) -> Run:
     """Returns whole training on the batched engine."""
     from jbench.agents.batched.make import make_engine
-    from jbench.agents.ending_environments import make_environments
+    from jbench.agents.ending_environments import environments_class
 
     settings = settings_of(request)
-    robots = make_environments(request["task"], request["seeds"], getattr(settings, "n_envs", 1))
+    task = request["task"]
+    robots = environments_class(task)(task, request["seeds"], getattr(settings, "n_envs", 1))
     engine = make_engine(request["algo"], settings, robots, **request.get("options", {}))
     steps, episodes = engine.learn(10**12), Episodes()
 

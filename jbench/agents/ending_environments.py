@@ -1,8 +1,6 @@
 """Robots of all seeds whose episodes end on their own, each at its own control step."""
 
-from collections.abc import Sequence
 from itertools import chain
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +10,9 @@ from jbench.tasks.find import find_task
 from jbench.tasks.worlds import EndingWorlds
 
 
-def make_environments(
-    task: str, seeds: Sequence[int], *others: Any, **options: Any
-) -> Environments:
-    """Returns the environments of a task, whose arguments are those of `Environments`."""
-    kind = EndingEnvironments if find_task(task).ends_early else Environments
-    return kind(task, seeds, *others, **options)
+def environments_class(task: str) -> type[Environments]:
+    """Returns the class of the environments of a task, whose episodes may end early or not."""
+    return EndingEnvironments if find_task(task).ends_early else Environments
 
 
 class EndingEnvironments(Environments):

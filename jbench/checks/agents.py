@@ -12,7 +12,7 @@ from jbench.agents.algorithms import algorithm_fields, describe_settings, find_c
 from jbench.agents.algorithms import settings_class as class_of_settings
 from jbench.agents.batched.make import make_engine
 from jbench.agents.batched.rule import Rule
-from jbench.agents.ending_environments import make_environments
+from jbench.agents.ending_environments import environments_class
 from jbench.agents.engine import Engine
 from jbench.agents.environments import SeedState
 from jbench.agents.plugin_engine import PluginEngine
@@ -46,7 +46,7 @@ def agent_checks(name: str, task: str, settings: Mapping[str, Any]) -> Iterator[
     values = settings_with(class_of_settings(name), name, settings)
 
     def make(seeds: list[int], environments: int = 1) -> PluginEngine:
-        robots = make_environments(task, seeds, environments, episode_steps=EPISODE)
+        robots = environments_class(task)(task, seeds, environments, episode_steps=EPISODE)
         return PluginEngine(name, kind, values, robots)
 
     yield from _checks_of_both(name, make, task)
@@ -62,7 +62,7 @@ def rule_checks(name: str, task: str, settings: Mapping[str, Any]) -> Iterator[_
     values: Any = settings_with(class_of_settings(name), name, {**_QUICK, **settings})
 
     def make(seeds: list[int], environments: int = 1) -> Engine:
-        robots = make_environments(task, seeds, environments, episode_steps=EPISODE)
+        robots = environments_class(task)(task, seeds, environments, episode_steps=EPISODE)
         return make_engine(kind, values, robots)
 
     yield from _checks_of_both(name, make, task)

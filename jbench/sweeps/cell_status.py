@@ -10,8 +10,7 @@ from typing import NamedTuple, get_args
 
 import torch
 
-from jbench.agents.batched.pair_buffer import PairBuffer
-from jbench.agents.batched.replay import ReplayBuffer
+from jbench.agents.batched.pair_buffer import buffer_class
 from jbench.cores import cores, one_thread
 from jbench.errors import RequestError, WorkError
 from jbench.settings.recorded import COST, SEED, alike, read_run
@@ -143,8 +142,8 @@ def memory_sentence(runs: Sequence[RunSettings], device: str = "cpu") -> str | N
         task = find_task(run.task)
         transitions = min(capacity, run.steps) if device == "cpu" else capacity
         row = 4 * (task.observation_size + task.action_size + 1)
-        buffer = PairBuffer if task.ends_early else ReplayBuffer
-        needed += row * buffer.rows_per_transition * transitions
+        rows = buffer_class(ends_early=task.ends_early).rows_per_transition
+        needed += row * rows * transitions
         most = max(most, transitions)
 
     if needed < _MIN_REPORTED:

@@ -10,7 +10,7 @@ import numpy as np
 from jbench.agents.algorithms import find_class, hyperparameters
 from jbench.agents.batched.engine import BatchedEngine
 from jbench.agents.batched.make import make_engine
-from jbench.agents.ending_environments import make_environments
+from jbench.agents.ending_environments import environments_class
 from jbench.agents.plugin_engine import PluginEngine
 from jbench.agents.trainer import Trainer
 from jbench.cores import cores
@@ -47,7 +47,7 @@ def make_trainer(
     algorithm: Any = settings.algo if settings.algo in SETTINGS else find_class(settings.algo)
     values: Any = hyperparameters(settings)
     train_on = find_device(device)
-    environments = make_environments(
+    environments = environments_class(settings.task)(
         settings.task,
         seeds,
         settings.environments,

@@ -119,6 +119,11 @@ class RunLog:
             self._paths = self._before["paths"] = pa.concat_tables([first, latest])
         self._advance(evaluations=number + 1, last_evaluation=steps)
 
+    def add_processor_time(self, seconds: float) -> None:
+        """Adds processor time to that of the run, if that is known."""
+        if (before := self.progress.processor_time) is not None:
+            self._advance(processor_time=before + seconds)
+
     def metrics(self, control_steps: int, values: Mapping[str, float]) -> None:
         """Adds values that a training loop logs, by name."""
         for name, value in values.items():
@@ -182,8 +187,7 @@ class Clock:
         """Divides the processor time since the last call, over all threads, equally among runs."""
         now = time.process_time()
         for log in logs:
-            if (before := log.progress.processor_time) is not None:
-                log._advance(processor_time=before + (now - self._last) / len(logs))
+            log.add_processor_time((now - self._last) / len(logs))
         self._last = now
 
     def is_commit_due(self) -> bool:

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 import torch
 
-from jbench.agents.batched.replay import ReplayBuffer
+from jbench.agents.batched.replay import ReplayBuffer, Sizes
 
 SIZE, ACTIONS, SEEDS = 3, 2, 2
 LENGTH = 7  # transitions in an episode
 
 
 def build_buffer(environments=1, capacity=20):
-    counts = SEEDS, environments, capacity, SIZE, ACTIONS
-    return ReplayBuffer(*counts, flush_every=5, episode_steps=LENGTH)
+    sizes = Sizes(SEEDS, environments, capacity, SIZE, ACTIONS)
+    return ReplayBuffer(sizes, flush_every=5, episode_steps=LENGTH)
 
 
 class History:
@@ -88,7 +88,8 @@ def test_every_transition_is_equally_likely():
 
 
 def test_million_transitions_of_ten_seeds_fit_into_one_gigabyte():
-    buffer = ReplayBuffer(10, 1, 1_000_000, 19, 1, flush_every=1, episode_steps=1000)
+    sizes = Sizes(10, 1, 1_000_000, 19, 1)
+    buffer = ReplayBuffer(sizes, flush_every=1, episode_steps=1000)
     rows = buffer.seed_rows(range(10))
     assert len(rows) >= 10_000_000
     assert rows.nbytes < 1e9

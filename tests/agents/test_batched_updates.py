@@ -6,7 +6,7 @@ import torch
 
 from jbench.agents import sb3
 from jbench.agents.batched.on_policy import estimate
-from jbench.agents.batched.ppo import split_minibatch
+from jbench.agents.batched.ppo import Transitions
 from tests.agents import batched_oracle as oracle
 from tests.agents.test_batched_engine import slow
 
@@ -71,7 +71,7 @@ def test_sac_target_update_interval_counts_from_each_learning_phase():
 
 
 def fill_rollout(agent, settings, data):
-    """Fills an agent's rollout buffer; returns the same transitions as rows of our rollout."""
+    """Fills an agent's rollout buffer; returns the same transitions as our rollout."""
     buffer, random = agent.rollout_buffer, np.random.default_rng(5)
     shape = (settings.n_steps, settings.n_envs)
     buffer.reset()
@@ -89,10 +89,11 @@ def fill_rollout(agent, settings, data):
     parts = [buffer.observations, buffer.actions, likelihoods_and_values, unknown]
     joined = np.concatenate([*parts, buffer.rewards[..., None]], axis=-1)
     rows = torch.from_numpy(joined.swapaxes(0, 1)[None].astype(np.float32))
+    rollout = Transitions(rows, actions.shape[-1])
     last = torch.tensor([[0.3, -0.2]])
-    estimate(rows, ends, last, settings)
+    estimate(rollout, ends, last, settings)
     buffer.compute_returns_and_advantage(last, np.full(2, ends[-1]))
-    return rows
+    return rollout
 
 
 @pytest.mark.filterwarnings("ignore:You have specified a mini-batch")
@@ -119,14 +120,14 @@ def test_ppo_updates_equal_stable_baselines3(
     tensors, learner = oracle.build_learner("ppo", settings, dtype, action_size=actions)
     oracle.copy_initial_parameters("ppo", agent, learner)
     rollout = fill_rollout(agent, settings, oracle.transitions(actions))
-    rows = rollout.flatten(0, 2).to(dtype)
+    rows = rollout.rows.flatten(0, 2).to(dtype)
     np.random.seed(3)
     agent.train()
     np.random.seed(3)
     for _ in range(epochs):
         order = torch.from_numpy(np.random.permutation(120))
         for indices in order.split(batch_size):
-            learner.update(split_minibatch(rows[indices], actions))
+            learner.update(Transitions(rows[indices], actions))
     pairs = oracle.parameters("ppo", agent, learner).values()
     assert oracle.largest_difference(pairs) < oracle.PRECISION[dtype]
     assert oracle.mean_losses(learner, tensors) == pytest.approx(
@@ -139,8 +140,8 @@ def test_advantages_equal_stable_baselines3_bit_for_bit(monkeypatch):
     agent = oracle.build_oracle("ppo", settings, torch.float32, monkeypatch)
     rollout = fill_rollout(agent, settings, oracle.transitions())
     buffer = agent.rollout_buffer
-    for column, expected in ((-3, buffer.advantages), (-2, buffer.returns)):
-        np.testing.assert_array_equal(rollout[0, :, :, column].numpy().T, expected)
+    np.testing.assert_array_equal(rollout.advantages[0, ..., 0].numpy().T, buffer.advantages)
+    np.testing.assert_array_equal(rollout.returns[0, ..., 0].numpy().T, buffer.returns)
 
 
 @pytest.mark.parametrize("actions", [1, 6])

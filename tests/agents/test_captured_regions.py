@@ -20,8 +20,8 @@ from jbench.agents.batched.graphs import Captured
 from jbench.agents.batched.make import LEARNERS, on_features
 from jbench.agents.batched.normalize import running_statistics
 from jbench.agents.batched.on_policy import Epochs
-from jbench.agents.batched.ppo import COLUMNS
-from jbench.agents.batched.replay import ReplayBuffer
+from jbench.agents.batched.ppo import Transitions
+from jbench.agents.batched.replay import ReplayBuffer, Sizes
 from jbench.agents.batched.rule import make_rule
 from jbench.agents.batched.tensors import Tensors
 from jbench.agents.batched.updates import Updates
@@ -97,12 +97,14 @@ def test_recorded_functions_stay_on_gpu(algo, options):
     seen, noise = (torch.empty(SEEDS, 1, size, device=GPU) for size in (SIZE, 1))
     check(tensors, learner.act, seen)
     if algo == "ppo":
-        epochs = Epochs(settings, group, torch.zeros(SEEDS, 8, 16, SIZE + 1 + COLUMNS))
+        rows = torch.zeros(SEEDS, 8, 16, Transitions.width(SIZE, 1))
+        epochs = Epochs(settings, group, Transitions(rows, action_size=1))
         check(tensors, epochs._update_once, settings.batch_size)
         check(tensors, learner.explore, seen, noise)
         check(tensors, learner.value, seen)
         return
-    replay = ReplayBuffer(SEEDS, 1, 100, SIZE, 1, flush_every=1, device=GPU, episode_steps=1000)
+    sizes = Sizes(SEEDS, 1, 100, SIZE, 1)
+    replay = ReplayBuffer(sizes, flush_every=1, device=GPU, episode_steps=1000)
     statistics = running_statistics(settings, SEEDS, SIZE, torch.float32, GPU)
     limit = options.get("limit", "bootstrap")
     updates = Updates(settings, group, replay, limit, statistics=statistics)

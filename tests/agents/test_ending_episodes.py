@@ -9,8 +9,9 @@ from stable_baselines3.common.type_aliases import ReplayBufferSamples
 from jbench.agents.batched.make import make_engine
 from jbench.agents.batched.on_policy import estimate
 from jbench.agents.batched.pair_buffer import PairBuffer
-from jbench.agents.batched.replay import Batch
-from jbench.agents.ending_environments import make_environments
+from jbench.agents.batched.ppo import Transitions
+from jbench.agents.batched.replay import Batch, Sizes
+from jbench.agents.ending_environments import environments_class
 from jbench.agents.sb3 import Spaces
 from jbench.settings.algorithms import algorithm_settings
 from jbench.tasks.find import find_task
@@ -73,7 +74,7 @@ def test_update_with_ended_episodes_equals_stable_baselines3(algo, capacity, mon
     agent = build_oracle(algo, settings, torch.float64, monkeypatch)
     theirs = ReplayBuffer(capacity, *_spaces(), device="cpu", handle_timeout_termination=True)
     theirs.to_torch = lambda array, copy=True: torch.tensor(array, dtype=torch.float64)
-    ours = PairBuffer(1, 1, capacity, SIZE, 1, flush_every=7, dtype=torch.float64)
+    ours = PairBuffer(Sizes(1, 1, capacity, SIZE, 1), flush_every=7, dtype=torch.float64)
     fill_both(theirs, ours, transitions())
     _, learner = build_learner(algo, settings, torch.float64)
     copy_initial_parameters(algo, agent, learner)
@@ -105,7 +106,8 @@ def _spaces():
 @pytest.mark.parametrize("steps", [1, 19, 20, 21, 150])
 def test_buffer_has_the_last_transitions_and_their_ends(steps, environments):
     shape, capacity = (2, environments), 20
-    buffer = PairBuffer(*shape, capacity * environments, 3, 2, flush_every=5)
+    sizes = Sizes(*shape, capacity * environments, 3, 2)
+    buffer = PairBuffer(sizes, flush_every=5)
     random = np.random.default_rng(0)
     terminated, truncated = made_ends(steps, shape)
     past = []
@@ -134,7 +136,7 @@ def test_buffer_has_the_last_transitions_and_their_ends(steps, environments):
         kept = np.concatenate([each[seed] for each in past[-capacity:]])
         assert {*map(tuple, np.concatenate(found, axis=1))} == {*map(tuple, kept)}
 
-    restored = PairBuffer(*shape, capacity * environments, 3, 2, flush_every=5)
+    restored = PairBuffer(sizes, flush_every=5)
     for seed in range(2):
         restored.restore(seed, buffer.rows_since(seed), buffer.row)
         for one, other in zip(
@@ -152,25 +154,28 @@ def test_advantages_where_environments_end_at_different_steps():
     ends = np.array([[[False, True, False], [False, False, False]]])
     values = torch.tensor([[[1.0, 2.0, 3.0], [1.0, 2.0, 3.0]]])
     rewards = torch.tensor([[[4.0, 5.0, 6.0], [4.0, 5.0, 6.0]]])
-    rows = torch.zeros(1, 2, 3, 7)
-    rows[..., -4], rows[..., -1] = values, rewards
-    estimate(rows, ends, torch.tensor([[10.0, 10.0]]), settings)
+    rollout = Transitions(torch.zeros(1, 2, 3, Transitions.width(1, 1)), action_size=1)
+    rollout.values[..., 0] = values
+    rollout.rewards[..., 0] = rewards
+    estimate(rollout, ends, torch.tensor([[10.0, 10.0]]), settings)
     # Last step: 6 + 0.5 * 10 - 3 = 8. Second: 5 - 2 = 3, or 5 + 0.5 * 3 - 2 + 0.4 * 8 = 7.7.
     # First: 4 + 0.5 * 2 - 1 = 4, and 0.4 times the advantage of the second.
     expected = [[[5.2, 3.0, 8.0], [7.08, 7.7, 8.0]]]
-    np.testing.assert_allclose(rows[..., -3], expected, rtol=1e-6)
-    np.testing.assert_allclose(rows[..., -2], np.array(expected) + values.numpy(), rtol=1e-6)
+    advantages = rollout.advantages[..., 0]
+    np.testing.assert_allclose(advantages, expected, rtol=1e-6)
+    returns = rollout.returns[..., 0]
+    np.testing.assert_allclose(returns, np.array(expected) + values.numpy(), rtol=1e-6)
 
     buffer = RolloutBuffer(3, *_spaces(), gae_lambda=0.8, gamma=0.5, n_envs=2)
     buffer.values, buffer.rewards = (part[0].T.numpy() for part in (values, rewards))
     buffer.episode_starts = np.array([[0, 0], [0, 0], [1, 0]], np.float32)
     buffer.compute_returns_and_advantage(torch.tensor([10.0, 10.0]), np.zeros(2))
-    np.testing.assert_allclose(buffer.advantages.T[None], rows[..., -3], rtol=1e-6)
+    np.testing.assert_allclose(buffer.advantages.T[None], advantages, rtol=1e-6)
 
 
 def build_engine(algo, changes, seeds=(0,), count=1, **options):
     settings = algorithm_settings(algo, "suite", changes)
-    robots = make_environments(LEAVES, seeds, count)
+    robots = environments_class(LEAVES)(LEAVES, seeds, count)
     return make_engine(algo, settings, robots, **options)
 
 

@@ -59,7 +59,7 @@ def filled_engine(algo, seeds, **options):
             rows = torch.randn(1, 50, width, generator=random)
             engine.replay.restore(index, rows, 50)
     else:
-        rows = engine._rows
+        rows = engine._rollout.rows
         rows.copy_(torch.randn(rows.shape, generator=random))
     return engine
 

@@ -9,7 +9,7 @@ import torch
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from jbench.agents.batched.normalize import RunningStatistics, Standardization
-from jbench.agents.batched.ppo import split_minibatch
+from jbench.agents.batched.ppo import Transitions
 from jbench.errors import RequestError
 from jbench.policies.onnx_export import export_onnx
 from jbench.policies.saved import SavedNetwork, TrainedAgent
@@ -188,14 +188,14 @@ def test_ppo_update_equals_stable_baselines3(monkeypatch):
     agent = build_oracle("ppo", settings, torch.float64, monkeypatch)
     _, learner = build_learner("ppo", settings, torch.float64)
     copy_initial_parameters("ppo", agent, learner)
-    rows = fill_rollout(agent, settings, transitions()).flatten(0, 2).double()
+    rows = fill_rollout(agent, settings, transitions()).rows.flatten(0, 2).double()
     ours, theirs = fixed_standardization()
     ours.apply_in_place(rows[:, :SIZE])
     agent.rollout_buffer.observations = theirs(agent.rollout_buffer.observations)
     np.random.seed(3)
     agent.train()
     np.random.seed(3)
-    learner.update(split_minibatch(rows[np.random.permutation(120)], 1))
+    learner.update(Transitions(rows[np.random.permutation(120)], 1))
     assert largest_difference(parameters("ppo", agent, learner).values()) < 1e-10
 
 
@@ -231,7 +231,7 @@ def test_rollouts_of_ppo_hold_what_the_policy_saw():
         for _ in engine.learn(settings.n_steps * settings.n_envs):
             if engine._collected == settings.n_steps:
                 break
-        batch = split_minibatch(engine._rows[0].flatten(0, 1), 1)
+        batch = Transitions(engine._rollout.rows[0].flatten(0, 1), action_size=1)
         means, values = learner._forward(batch.observations)
         expected = torch.distributions.Normal(means, learner.log_sigma.exp())
         torch.testing.assert_close(batch.log_likelihoods, expected.log_prob(batch.actions))

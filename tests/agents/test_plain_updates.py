@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from jbench.agents.batched.layers import Affine
-from jbench.agents.batched.ppo import Minibatch
+from jbench.agents.batched.ppo import Transitions
 from jbench.agents.batched.replay import Batch
 from jbench.settings.algorithms import SETTINGS, algorithm_settings
 from tests.agents.batched_oracle import SIZE, build_learner, build_settings, linear_layers
@@ -68,7 +68,8 @@ def minibatch(learner, random, rows=40):
     returns = values + 0.3 * normal()
     actions = normal(learner.action_size)
     likelihoods = -1.4 * learner.action_size + 0.2 * normal()
-    return Minibatch(observations, actions, likelihoods, values, normal(), returns)
+    columns = [observations, actions, likelihoods, values, normal(), returns, normal()]
+    return Transitions(torch.cat(columns, dim=-1), learner.action_size)
 
 
 def transitions(random, actions=1, noise=0):

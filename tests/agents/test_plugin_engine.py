@@ -10,7 +10,7 @@ import torch
 from torch import nn
 
 import jbench
-from jbench.agents.ending_environments import make_environments
+from jbench.agents.ending_environments import environments_class
 from jbench.agents.plugin import pack, unpack
 from jbench.agents.plugin_engine import PluginEngine
 from jbench.errors import WorkError
@@ -60,7 +60,7 @@ class RandomAgent(jbench.Agent):
 
 
 def build_engine(kind=RandomAgent, task="face_direction", encoder=None, **options):
-    environments = make_environments(task, [3], 2, [encoder], episode_steps=EPISODE)
+    environments = environments_class(task)(task, [3], 2, [encoder], episode_steps=EPISODE)
     return PluginEngine("drawing", kind, kind.Settings(), environments, **options)
 
 

@@ -3,6 +3,7 @@
 import torch
 
 from jbench.agents.batched.pair_buffer import PairBuffer
+from jbench.agents.batched.replay import Sizes
 from jbench.sweeps import cell_status
 from jbench.sweeps.cell_status import memory_sentence
 from jbench.tasks.find import find_task
@@ -33,7 +34,8 @@ def test_buffer_of_episodes_that_end_early_is_as_large_as_what_is_allocated():
     task = find_task("tests.gym_tasks:leaves")
     one = run_of("td3", task=task.name, specs=task.specs, steps=5_000_000)
     one = one.model_copy(update={"hyperparameters": {"buffer_size": 1_000_000}})
-    buffer = PairBuffer(1, 1, 1000, task.observation_size, task.action_size, flush_every=1)
+    sizes = Sizes(1, 1, 1000, task.observation_size, task.action_size)
+    buffer = PairBuffer(sizes, flush_every=1)
     sentence = memory_sentence([one] * 1000)
     assert f" {1000 * 1000 * buffer.seed_rows(range(1)).nbytes / 1e9:.1f} GB " in sentence
 

@@ -1,7 +1,7 @@
 """The engine of update rules: the agents of all seeds, and their complete state."""
 
 from abc import abstractmethod
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
@@ -47,6 +47,13 @@ class Group(NamedTuple, Generic[_Learner]):
         return torch.from_numpy(np.stack(per_seed, axis=1)).to(self.learner.view.device)
 
 
+class _Call(NamedTuple):
+    """What is computed of the whole stack at once; a recording of it depends on nothing else."""
+
+    output: Callable[..., Tensor]
+    shapes: tuple[torch.Size, ...]  # of its inputs
+
+
 class BatchedEngine(Engine, Generic[_Learner]):
     """Trains a learner per seed; those of a stack are also one learner on the same tensors."""
 
@@ -63,9 +70,14 @@ class BatchedEngine(Engine, Generic[_Learner]):
         stacked: bool,
     ) -> None:
         super().__init__(environments, settings.rollout_steps(environments.observations.shape[1]))
-        self.tensors, self._saved, self.updates = tensors, tensors.saved, 0
-        self._settings, self._time_limit = settings, time_limit
-        generators, seeds = environments.generators, range(tensors.seeds)
+        self.tensors = tensors
+        self.updates = 0
+        self._saved = tensors.saved
+        self._settings = settings
+        self._time_limit = time_limit
+
+        generators = environments.generators
+        seeds = range(tensors.seeds)
         self.learners = [make(tensors.select(seed)) for seed in seeds]
         self._stack = make(tensors) if stacked else None
         self.groups = [
@@ -74,12 +86,14 @@ class BatchedEngine(Engine, Generic[_Learner]):
         ]
         if self._stack is not None:
             self.groups = [Group(self._stack, seeds, generators)]
+
         self._statistics = running_statistics(
             settings, tensors.seeds, environments.size, tensors.dtype, tensors.device
         )
         self._captured = Captured(tensors.device)
-        self._inputs: dict[Hashable, list[Tensor]] = {}
-        self._outputs: dict[Hashable, Tensor] = {}
+        self._inputs: dict[_Call, list[Tensor]] = {}
+        self._outputs: dict[_Call, Tensor] = {}
+
         for learner, draws in zip(self.learners, generators, strict=True):
             learner.initialize(draws.weights())
         # Tensors that must stay finite; the log temperature of SAC is -inf if ent_coef is 0.
@@ -88,6 +102,7 @@ class BatchedEngine(Engine, Generic[_Learner]):
             for name, values in self._saved.items()
             if name != LOSS_SUMS and bool(values.isfinite().all())
         ]
+
         self._make_buffers()
 
     def policy(self, seed: int) -> SavedNetwork:
@@ -152,7 +167,8 @@ class BatchedEngine(Engine, Generic[_Learner]):
             if self._statistics is not None:
                 self._statistics.restore(seed, under(_STATISTICS, state.tensors))
             self._restore_loop(seed, under(_LOOP, state.tensors))
-        self.control_steps, self.updates = first["control_steps"], first["updates"]
+        self.control_steps = first["control_steps"]
+        self.updates = first["updates"]
         self._collected = first["collected"]
         self._truncate_unlike()
 
@@ -166,26 +182,30 @@ class BatchedEngine(Engine, Generic[_Learner]):
             return observations
         return self._statistics.standardization().apply(observations)
 
-    def _run(self, method: str, observations: Tensor, *others: Tensor) -> Tensor:
-        """Returns what a method makes of every agent and its inputs (seeds, N, any), on the CPU."""
+    def _run(self, output: Callable[..., Tensor], observations: Tensor, *others: Tensor) -> Tensor:
+        """Returns an output of all learners, of its inputs (seeds, N, any), on the CPU.
+
+        `output` is the same function at every call: it takes a learner and the inputs.
+        """
         inputs = self._standardized(observations), *others
         if self._stack is None:
             per_seed = zip(self.learners, *(x.to(self.tensors.dtype) for x in inputs), strict=True)
-            return torch.stack([getattr(agent, method)(*x) for agent, *x in per_seed])
-        key = (method, *(x.shape for x in inputs))
-        if key not in self._inputs:
-            dtype, device = self.tensors.dtype, self.tensors.device
-            self._inputs[key] = [torch.empty_like(x, dtype=dtype, device=device) for x in inputs]
-        for buffer, x in zip(self._inputs[key], inputs, strict=True):
-            buffer.copy_(x)
-        self._captured(self._run_stack, key)
-        return self._outputs[key].cpu()
+            return torch.stack([output(learner, *x) for learner, *x in per_seed])
 
-    def _run_stack(self, key: tuple[Any, ...]) -> None:
-        self._outputs[key] = getattr(self._stack, key[0])(*self._inputs[key])
+        call = _Call(output, tuple(x.shape for x in inputs))
+        if call not in self._inputs:
+            dtype, device = self.tensors.dtype, self.tensors.device
+            self._inputs[call] = [torch.empty_like(x, dtype=dtype, device=device) for x in inputs]
+        for buffer, x in zip(self._inputs[call], inputs, strict=True):
+            buffer.copy_(x)
+        self._captured(self._run_stack, call)
+        return self._outputs[call].cpu()
+
+    def _run_stack(self, call: _Call) -> None:
+        self._outputs[call] = call.output(self._stack, *self._inputs[call])
 
     def _act(self, inputs: Tensor) -> NDArray[np.floating]:
-        actions: NDArray[np.float32] = self._run("act", inputs).float().numpy()
+        actions: NDArray[np.float32] = self._run(act, inputs).float().numpy()
         return actions
 
     def _explore_actions(self, observations: Tensor) -> NDArray[np.floating]:
@@ -230,3 +250,8 @@ class BatchedEngine(Engine, Generic[_Learner]):
     @abstractmethod
     def _restore_loop(self, seed: int, tensors: dict[str, Tensor]) -> None:
         """Restores what `_loop_state` returned."""
+
+
+def act(learner: Learner[Any], observations: Tensor) -> Tensor:
+    """Returns deterministic actions, as an output of `BatchedEngine._run`."""
+    return learner.act(observations)

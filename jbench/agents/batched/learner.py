@@ -38,7 +38,8 @@ class Learner(Generic[_Settings]):
         self, settings: _Settings, observation_size: int, action_size: int, view: Tensors
     ) -> None:
         """Makes the agent; `observation_size` is the number of inputs of the policy."""
-        self.view, self.action_size = view, action_size
+        self.view = view
+        self.action_size = action_size
         self.settings = settings
         self.policy_layout = Layout((observation_size, *settings.hidden_layers, action_size))
         self._loss_sums = view.state(LOSS_SUMS, len(self.losses), 2)
@@ -101,10 +102,13 @@ class Learner(Generic[_Settings]):
         self, name: str, layout: Layout, workspace: str, make: Callable[..., Network] = Network
     ) -> Network:
         """Returns a network, saved under `name`, which is learned unless it is a target network."""
-        view, size = self.view, layout.length
-        values, is_target = view.state(name, size), name.endswith(_TARGET)
+        view = self.view
+        size = layout.length
+        values = view.state(name, size)
+        is_target = name.endswith(_TARGET)
         gradient = None if is_target else view.scratch(f"{name}.gradient", size)
-        network = self._by_name[name] = make(view, layout, values, gradient, workspace=workspace)
+        network = make(view, layout, values, gradient, workspace=workspace)
+        self._by_name[name] = network
         if gradient is None:
             self._targets.append((network, self._by_name[name.removesuffix(_TARGET)]))
         else:
@@ -145,7 +149,10 @@ class OffPolicyLearner(Learner[_OffPolicySettings]):
         raise NotImplementedError
 
     def is_delayed_update(self, update: int, update_of_call: int) -> bool:
-        """Returns whether targets or actor are updated, too; see `Rule.is_delayed_update`."""
+        """Returns whether an update changes what the rule delays, too; see `Rule`.
+
+        TD3 delays its actor and all target networks, SAC its target networks.
+        """
         return True
 
     def pretrain(self, batch: Batch) -> None:
@@ -153,7 +160,10 @@ class OffPolicyLearner(Learner[_OffPolicySettings]):
         raise NotImplementedError
 
     def update(self, batch: Batch, delayed: bool = True) -> None:
-        """Makes one update from a minibatch, whose actions and next actions it overwrites."""
+        """Makes one update from a minibatch, whose actions and next actions it overwrites.
+
+        Without `delayed` it leaves out what the rule delays; see `is_delayed_update`.
+        """
         raise NotImplementedError
 
     def _critics(self, names: Sequence[str], workspaces: Sequence[str]) -> list[Network]:

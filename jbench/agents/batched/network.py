@@ -23,7 +23,7 @@ class Layout(NamedTuple):
     """
 
     sizes: tuple[int, ...]  # inputs, units of each hidden layer, outputs
-    actions: int = 0  # number of the last inputs that are actions
+    actions: int = 0  # number of the last inputs that are actions, or features of them
     joins: int = 0  # index of the layer that takes them
 
     @property
@@ -33,6 +33,12 @@ class Layout(NamedTuple):
         inputs[0] -= self.actions
         inputs[self.joins] += self.actions
         return inputs
+
+    @property
+    def action_columns(self) -> slice:
+        """Columns of the actions among the inputs of the layer that takes them."""
+        end = self.inputs[self.joins]
+        return slice(end - self.actions, end)
 
     @property
     def stored(self) -> list[tuple[int, int]]:
@@ -55,8 +61,21 @@ class Layout(NamedTuple):
         ]
 
 
+class Buffers(NamedTuple):
+    """Memory of the hidden layers for one size of batch; each list has a tensor per layer."""
+
+    units: list[Tensor]  # (..., batch, units)
+    transposed: list[Tensor]  # (..., units, batch), views of the units
+    gradients: list[Tensor]  # (..., batch, units) by the units
+
+
 class Network:
-    """A network of one seed, or of each of a stack; `layers` are views without padding."""
+    """A network of one seed, or of each of a stack.
+
+    Attributes:
+        layers: views of the parameters, without padding.
+        inputs: those of the first layer in the last forward pass.
+    """
 
     step: Callable[[], None]
 
@@ -74,14 +93,20 @@ class Network:
         Of the networks that share the activation buffers of a workspace, only the last one that was
         evaluated can go backward.
         """
-        self.layout, self.values, self.gradient = layout, values, gradient
-        self.view, self._workspace = view, workspace
+        self.layout = layout
+        self.values = values
+        self.gradient = gradient
+        self.view = view
         self.layers = layout.views(values)
-        self._joins, self._actions = layout.joins, layout.actions
-        # Columns of the actions among the inputs of their layer.
-        end = layout.inputs[layout.joins]
-        self._columns = slice(end - layout.actions, end)
-        shapes, last = layout.stored, len(layout.stored) - 1
+        self.inputs = torch.empty(0)
+
+        self._workspace = workspace
+        self._joins = layout.joins
+        self._actions = layout.actions
+        self._columns = layout.action_columns
+
+        shapes = layout.stored
+        last = len(shapes) - 1
         gradients = affine_views(values if gradient is None else gradient, shapes)
         pairs = list(zip(affine_views(values, shapes), gradients, strict=True))
         self._exact = [Layer(*pair) for pair in pairs]
@@ -91,10 +116,8 @@ class Network:
             else layer
             for i, (pair, layer) in enumerate(zip(pairs, self._exact, strict=True))
         ]
-        # Of each size of batch, buffers (..., batch, units) of each hidden layer, their transposes
-        # and those of the gradients.
-        self._memory: dict[int, list[list[Tensor]]] = {}
-        self._inputs, self._used = torch.empty(0), list[list[Tensor]]()
+        self._buffers: dict[int, Buffers] = {}  # by the size of the batch
+        self._used = Buffers([], [], [])  # in the last forward pass
 
     def forward(self, inputs: Tensor, *, exact: bool = False) -> Tensor:
         """Returns the outputs (..., batch, sizes[-1]) for inputs (..., batch, sizes[0]).
@@ -102,10 +125,10 @@ class Network:
         If `exact`, every layer is multiplied in full precision, and `backward` can't follow.
         """
         layers = self._exact if exact else self._layers
-        self._inputs = inputs[..., : -self._actions] if self._joins else inputs
-        self._used = self._buffers(inputs.shape[-2])
-        values = self._inputs
-        for i, (layer, units) in enumerate(zip(layers, self._used[0], strict=False), 1):
+        self.inputs = inputs[..., : -self._actions] if self._joins else inputs
+        self._used = self._buffers_for(inputs.shape[-2])
+        values = self.inputs
+        for i, (layer, units) in enumerate(zip(layers, self._used.units, strict=False), 1):
             values = layer.forward(values, units).clamp_min_(0)
             if i == self._joins:
                 values[..., self._columns].copy_(inputs[..., -self._actions :])
@@ -114,9 +137,9 @@ class Network:
     def backward(self, delta: Tensor) -> None:
         """Writes the gradient by the parameters, given that by the outputs (same shape)."""
         for i in range(len(self._layers) - 1, 0, -1):
-            self._layers[i].differentiate(delta, self._used[1][i - 1])
+            self._layers[i].differentiate(delta, self._used.transposed[i - 1])
             delta = self._propagate(i, delta)
-        self._layers[0].differentiate(delta, self._inputs.mT)
+        self._layers[0].differentiate(delta, self.inputs.mT)
 
     def action_gradient(self, delta: Tensor, rows: Tensor | None = None) -> Tensor:
         """Returns the gradient (..., batch, actions) by the actions, given that by the outputs.
@@ -128,9 +151,11 @@ class Network:
         return self._layers[self._joins].propagate_to(delta, self._columns)
 
     def _propagate(self, i: int, delta: Tensor, rows: Tensor | None = None) -> Tensor:
-        units, before = self._used[0][i - 1], self._used[2][i - 1]
+        units = self._used.units[i - 1]
+        before = self._used.gradients[i - 1]
         if rows is not None:
-            units, before = units.index_select(0, rows), before[: len(rows)]
+            units = units.index_select(0, rows)
+            before = before[: len(rows)]
         self._layers[i].propagate(delta, before)
         # ReLU's derivative from its output: one pass over memory, where a mask would need two.
         torch.ops.aten.threshold_backward.grad_input(before, units, 0, grad_input=before)
@@ -139,12 +164,16 @@ class Network:
             before[..., self._columns].zero_()
         return before
 
-    def _buffers(self, batch: int) -> list[list[Tensor]]:
-        if batch not in self._memory:
-            widths = [layer.units for layer in self._exact[:-1]]
-            units, deltas = (
-                [self.view.scratch(f"{name} {i}", batch, width) for i, width in enumerate(widths)]
-                for name in (self._workspace, "delta")
-            )
-            self._memory[batch] = [units, [unit.mT for unit in units], deltas]
-        return self._memory[batch]
+    def _buffers_for(self, batch: int) -> Buffers:
+        if batch not in self._buffers:
+            units = self._scratch(self._workspace, batch)
+            transposed = [unit.mT for unit in units]
+            self._buffers[batch] = Buffers(units, transposed, self._scratch("delta", batch))
+        return self._buffers[batch]
+
+    def _scratch(self, name: str, batch: int) -> list[Tensor]:
+        """Returns a buffer (..., batch, units) for each hidden layer."""
+        hidden = self._exact[:-1]
+        return [
+            self.view.scratch(f"{name} {i}", batch, layer.units) for i, layer in enumerate(hidden)
+        ]

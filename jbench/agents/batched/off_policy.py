@@ -9,10 +9,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from jbench.agents.batched.engine import BatchedEngine
+from jbench.agents.batched.engine import BatchedEngine, act
 from jbench.agents.batched.learner import OffPolicyLearner
-from jbench.agents.batched.pair_buffer import PairBuffer
-from jbench.agents.batched.replay import ReplayBuffer
+from jbench.agents.batched.pair_buffer import buffer_class
+from jbench.agents.batched.replay import ReplayBuffer, Sizes
 from jbench.agents.batched.updates import Updates
 from jbench.agents.environments import Ends, Environments, Generators, StepResult
 from jbench.encoders.wrapper import input_mirror
@@ -25,22 +25,24 @@ class OffPolicyEngine(BatchedEngine[OffPolicyLearner[Any]]):
     _settings: OffPolicySettings
 
     def _make_buffers(self) -> None:
-        settings, environments, tensors = self._settings, self.environments, self.tensors
+        settings = self._settings
+        environments = self.environments
+        tensors = self.tensors
         seeds, count = environments.observations.shape[:2]
         rollout_steps, self._due = settings.schedule(count)
-        shape = seeds, count, environments.action_size
-        self._noise = ActionNoise(settings, shape)
-        sizes = seeds, count, settings.buffer_size, environments.size, environments.action_size
-        about: dict[str, Any] = {
-            "flush_every": rollout_steps,
-            "dtype": tensors.dtype,
-            "device": tensors.device,
-        }
-        self._replay: ReplayBuffer
-        if environments.has_one_length:
-            self._replay = ReplayBuffer(*sizes, **about, episode_steps=environments.episode_steps)
-        else:
-            self._replay = PairBuffer(*sizes, **about)
+        self._noise = ActionNoise(settings, (seeds, count, environments.action_size))
+
+        sizes = Sizes(
+            seeds, count, settings.buffer_size, environments.size, environments.action_size
+        )
+        self._replay = buffer_class(ends_early=not environments.has_one_length)(
+            sizes,
+            flush_every=rollout_steps,
+            episode_steps=environments.episode_steps,
+            dtype=tensors.dtype,
+            device=tensors.device,
+        )
+
         mirror = None
         if settings.mirror:
             mirror = _row_mirror(environments).to(tensors.device, tensors.dtype)
@@ -85,14 +87,15 @@ class OffPolicyEngine(BatchedEngine[OffPolicyLearner[Any]]):
                 self.replay.flush()
 
     def _explore(self, observations: Tensor) -> NDArray[np.floating]:
-        settings, shape = self._settings, self._noise.previous.shape[1:]
+        settings = self._settings
+        shape = self._noise.previous.shape[1:]
         generators = self.environments.generators
         if settings.uniform_warmup and self.control_steps < settings.learning_starts:
             actions = np.stack([seed.actions.uniform(-1, 1, shape) for seed in generators])
         elif self.learners[0].is_stochastic:
-            actions = self._run("explore", observations, self._draw_normal(shape)).numpy()
+            actions = self._run(explore, observations, self._draw_normal(shape)).numpy()
         else:
-            actions = self._run("act", observations).numpy()
+            actions = self._run(act, observations).numpy()
         noisy_actions = actions + self._noise.draw(generators)
         return np.clip(noisy_actions, -1, 1).astype(np.float32)
 
@@ -137,13 +140,19 @@ class OffPolicyEngine(BatchedEngine[OffPolicyLearner[Any]]):
         self.replay.begin(self.environments.observations)
 
 
+def explore(learner: OffPolicyLearner[Any], observations: Tensor, noise: Tensor) -> Tensor:
+    """Returns actions of a stochastic policy, as an output of `BatchedEngine._run`."""
+    return learner.explore(observations, noise)
+
+
 class ActionNoise:
     """Normal or Ornstein-Uhlenbeck noise, whose state is `previous`, for each robot."""
 
     def __init__(self, settings: OffPolicySettings, shape: tuple[int, int, int]) -> None:
         """Starts the processes at 0; the shape is (seeds, environments, action_size)."""
         self._kind = settings.action_noise
-        self._mean, self._sigma = settings.noise_mean, settings.noise_sigma
+        self._mean = settings.noise_mean
+        self._sigma = settings.noise_sigma
         self._pull = settings.noise_theta * settings.noise_dt
         self._step = settings.noise_sigma * math.sqrt(settings.noise_dt)
         self.previous = np.zeros(shape)
@@ -166,7 +175,9 @@ class ActionNoise:
 
 def _row_mirror(environments: Environments) -> Tensor:
     """Returns gain and offset (2, seeds, width) of mirrored rows of the replay buffers."""
-    gain, offset, actions = [], [], environments.action_size
+    gain = []
+    offset = []
+    actions = environments.action_size
     for encoder in environments.encoders:
         factor, shift = input_mirror(environments.task, encoder)
         gain.append([*factor, *[-1] * actions, 1])

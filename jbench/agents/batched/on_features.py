@@ -94,7 +94,8 @@ class OnFeatures(OffPolicyLearner[OffPolicySettings]):
     def critic_layout(self) -> Layout:
         """Layout of a critic of z_oa."""
         inputs = self.features.state_action_size
-        return Layout((inputs, *self.policy_layout.sizes[1:-1], 1))
+        after_state = inputs - self.features.size  # the columns of z_oa that depend on the action
+        return Layout((inputs, *self.policy_layout.sizes[1:-1], 1), after_state)
 
     def _critics(self, names: Sequence[str], workspaces: Sequence[str]) -> list[Network]:
         critics: list[Network] = []
@@ -112,13 +113,15 @@ class FeatureCritic(Network):
     ) -> None:
         """Makes a critic that computes z_oa, or takes that of a twin evaluated before it."""
         super().__init__(*args, **options)
-        self._features, self._twin = features, twin
-        self._columns = slice(features.size, features.state_action_size)  # those after z_o
+        self._features = features
+        self._twin = twin
 
     def forward(self, inputs: Tensor, *, exact: bool = False) -> Tensor:
         """Returns values (..., batch, 1) for z_o and actions (..., batch, size + dim(A))."""
-        twin = self._twin
-        features = self._features.state_action_features(inputs) if twin is None else twin._inputs
+        if self._twin is None:
+            features = self._features.state_action_features(inputs)
+        else:
+            features = self._twin.inputs
         return super().forward(features, exact=exact)
 
     def action_gradient(self, delta: Tensor, rows: Tensor | None = None) -> Tensor:

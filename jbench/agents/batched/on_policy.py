@@ -7,7 +7,7 @@ from torch import Tensor
 
 from jbench.agents.batched.engine import BatchedEngine, Group
 from jbench.agents.batched.graphs import Captured
-from jbench.agents.batched.ppo import COLUMNS, PPOLearner, split_minibatch
+from jbench.agents.batched.ppo import PPOLearner, Transitions
 from jbench.agents.batched.tensors import Tensors
 from jbench.agents.environments import StepResult
 from jbench.settings.algorithms import PPOSettings
@@ -20,32 +20,35 @@ class OnPolicyEngine(BatchedEngine[PPOLearner]):
     replay = None
 
     def _make_buffers(self) -> None:
-        settings, environments = self._settings, self.environments
+        settings = self._settings
+        environments = self.environments
         seeds, count = environments.observations.shape[:2]
         steps = settings.rollout_steps(count)
-        width = environments.size + environments.action_size + COLUMNS
-        self._rows = torch.zeros(seeds, count, steps, width, dtype=self.tensors.dtype)
+        width = Transitions.width(environments.size, environments.action_size)
+        rows = torch.zeros(seeds, count, steps, width, dtype=self.tensors.dtype)
+        self._rollout = Transitions(rows, environments.action_size)
         self._ends = np.zeros((seeds, count, steps), bool)
-        self.group_updates = [Epochs(settings, group, self._rows) for group in self.groups]
+        self.group_updates = [Epochs(settings, group, self._rollout) for group in self.groups]
         self._explored: Tensor  # of the last call of `PPOLearner.explore`
 
     def _explore(self, observations: Tensor) -> NDArray[np.floating]:
         shape = observations.shape[1], self.environments.action_size
-        self._explored = self._run("explore", observations, self._draw_normal(shape))
+        self._explored = self._run(PPOLearner.explore, observations, self._draw_normal(shape))
         actions: NDArray[np.floating] = self._explored[..., : shape[1]].numpy()
         return actions
 
     def _store(self, observations: Tensor, actions: NDArray[np.floating], step: StepResult) -> None:
-        rewards = torch.from_numpy(step.rewards).to(self._rows.dtype)
+        rollout = self._rollout
+        newest = self._collected - 1
+        rewards = torch.from_numpy(step.rewards).to(rollout.rows.dtype)
         if step.ends is not None and self._time_limit == "bootstrap":
             rewards += self._missing_rewards(step)
-        row, size = self._rows[:, :, self._collected - 1], observations.shape[-1]
         # As the policy saw them that chose the actions: the update compares it with a newer policy,
         # and both must have the same inputs.
-        row[..., :size].copy_(self._standardized(observations))
-        row[..., size:-3].copy_(self._explored)
-        row[..., -1].copy_(rewards)
-        self._ends[..., self._collected - 1] = False if step.ends is None else step.ends.ended
+        rollout.observations[:, :, newest].copy_(self._standardized(observations))
+        rollout.explored[:, :, newest].copy_(self._explored)
+        rollout.rewards[:, :, newest, 0].copy_(rewards)
+        self._ends[:, :, newest] = False if step.ends is None else step.ends.ended
 
     def _missing_rewards(self, step: StepResult) -> Tensor:
         """Returns what stands for the rewards after a truncation: gamma V of the last state.
@@ -54,18 +57,19 @@ class OnPolicyEngine(BatchedEngine[PPOLearner]):
         """
         assert step.ends is not None
         truncated = torch.from_numpy(step.ends.ended & ~step.ends.terminated)
-        values = self._run("value", step.observations)[..., 0]
+        values = self._run(PPOLearner.value, step.observations)[..., 0]
         return torch.where(truncated, self._settings.gamma * values, 0.0)
 
     def _truncate(self, step: StepResult) -> None:
         assert step.ends is not None
-        self._rows[:, :, self._collected - 1, -1] += self._missing_rewards(step)
-        self._ends[..., self._collected - 1] |= step.ends.ended
+        newest = self._collected - 1
+        self._rollout.rewards[:, :, newest, 0] += self._missing_rewards(step)
+        self._ends[:, :, newest] |= step.ends.ended
 
     def _update(self) -> None:
         settings = self._settings
-        last_values = self._run("value", self.environments.observations)[..., 0]
-        estimate(self._rows, self._ends, last_values, settings)
+        last_values = self._run(PPOLearner.value, self.environments.observations)[..., 0]
+        estimate(self._rollout, self._ends, last_values, settings)
         for epochs in self.group_updates:
             if self._still_learning(epochs.group):
                 epochs.run()
@@ -73,45 +77,55 @@ class OnPolicyEngine(BatchedEngine[PPOLearner]):
 
     def _loop_state(self, seed: int) -> dict[str, Tensor]:
         ends = torch.from_numpy(self._ends[seed, :, : self._collected])
-        return {"rollout": self._rows[seed, :, : self._collected], "ends": ends}
+        return {"rollout": self._rollout.rows[seed, :, : self._collected], "ends": ends}
 
     def _restore_loop(self, seed: int, tensors: dict[str, Tensor]) -> None:
         rows = tensors["rollout"]
-        self._rows[seed, :, : rows.shape[1]] = rows
+        self._rollout.rows[seed, :, : rows.shape[1]] = rows
         # Older versions saved whether all environments ended, (steps,).
         self._ends[seed, :, : rows.shape[1]] = tensors["ends"].numpy()
 
 
 def estimate(
-    rows: Tensor, ends: NDArray[np.bool_], last_values: Tensor, settings: PPOSettings
+    rollout: Transitions, ends: NDArray[np.bool_], last_values: Tensor, settings: PPOSettings
 ) -> None:
     """Writes advantages (Schulman et al., 2016, equation 16) and returns: advantage plus value.
 
     Args:
-        rows: (seeds, environments, steps, width) of a rollout; see `ppo.split_minibatch`.
+        rollout: (seeds, environments, steps, any), with rewards and the values of its states.
         ends: (seeds, environments, steps), or less that broadcasts to it: whether an episode ended
             with a step.
         last_values: (seeds, environments) values of the observations after the last step.
     """
-    values, rewards, gamma = rows[..., -4], rows[..., -1], settings.gamma
-    advantage, next_value = torch.zeros_like(last_values), last_values
+    gamma = settings.gamma
+    values = rollout.values[..., 0]
+    rewards = rollout.rewards[..., 0]
+    advantages = rollout.advantages[..., 0]
+
+    advantage = torch.zeros_like(last_values)
+    next_value = last_values
     going_on = torch.from_numpy(~ends).to(values.dtype).expand(values.shape)
     for step in reversed(range(values.shape[-1])):
         continues = going_on[..., step]
         value = values[:, :, step]
         delta = rewards[:, :, step] + gamma * next_value * continues - value
         advantage = delta + gamma * settings.gae_lambda * continues * advantage
-        rows[:, :, step, -3] = advantage
+        advantages[:, :, step] = advantage
         next_value = value
-    torch.add(rows[..., -3], values, out=rows[..., -2])
+
+    torch.add(advantages, values, out=rollout.returns[..., 0])
 
 
 class Epochs:
     """The updates of one group of seeds after each rollout: shuffled minibatches."""
 
-    def __init__(self, settings: PPOSettings, group: Group[PPOLearner], rollout: Tensor) -> None:
-        self.group, self._learner, self._settings = group, group.learner, settings
-        rows = rollout[group.seeds.start : group.seeds.stop]
+    def __init__(
+        self, settings: PPOSettings, group: Group[PPOLearner], rollout: Transitions
+    ) -> None:
+        self.group = group
+        self._learner = group.learner
+        self._settings = settings
+        rows = rollout.rows[group.seeds.start : group.seeds.stop]
         # Transitions of each seed, environment by environment.
         self._source = rows.flatten(0, 2)
         self._transitions = rows.shape[1] * rows.shape[2]
@@ -141,4 +155,4 @@ class Epochs:
         batch = self._view.scratch("minibatch", size, width)
         indices = self._indices(size).view(-1)
         torch.index_select(self._rows, 0, indices, out=batch.view(-1, width))
-        self._learner.update(split_minibatch(batch, self._learner.action_size))
+        self._learner.update(Transitions(batch, self._learner.action_size))

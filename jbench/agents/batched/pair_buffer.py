@@ -1,14 +1,12 @@
 """Replay buffers of several seeds whose episodes end at different control steps."""
 
-from typing import Any
-
 import numpy as np
 import torch
 from numpy.random import Generator
 from numpy.typing import NDArray
 from torch import Tensor
 
-from jbench.agents.batched.replay import ReplayBuffer
+from jbench.agents.batched.replay import ReplayBuffer, Sizes
 
 
 class PairBuffer(ReplayBuffer):
@@ -23,13 +21,26 @@ class PairBuffer(ReplayBuffer):
     rows_per_transition = 2
     knows_terminals = True
 
-    def __init__(self, *sizes: int, flush_every: int, **tensors: Any) -> None:
-        """Allocates buffers; the arguments are those of `ReplayBuffer` but `episode_steps`."""
-        with_current_observation = flush_every + 1
-        super().__init__(*sizes, flush_every=with_current_observation, episode_steps=1, **tensors)
+    def __init__(
+        self,
+        sizes: Sizes,
+        *,
+        flush_every: int,
+        episode_steps: int | None = None,
+        dtype: torch.dtype = torch.float32,
+        device: torch.device | str = "cpu",
+    ) -> None:
+        """Allocates the buffers; see `ReplayBuffer`. Episodes have any length."""
+        super().__init__(
+            sizes,
+            flush_every=flush_every + 1,  # the current observation, too
+            episode_steps=1,
+            dtype=dtype,
+            device=device,
+        )
         # On the CPU, where minibatches are sampled.
-        seeds, environments = self._rows.shape[:2]
-        self._is_terminal = np.zeros((seeds, environments, self._capacity), bool)
+        shape = sizes.seeds, sizes.environments, self._capacity
+        self._is_terminal = np.zeros(shape, bool)
 
     def add(
         self, actions: NDArray[np.floating], rewards: NDArray[np.floating], observations: Tensor
@@ -88,3 +99,8 @@ class PairBuffer(ReplayBuffer):
     def _span(self, transitions: int) -> int:
         """Returns the number of rows of this many consecutive transitions."""
         return self.rows_per_transition * transitions
+
+
+def buffer_class(*, ends_early: bool) -> type[ReplayBuffer]:
+    """Returns the class of the replay buffers of a task, whose episodes may end early or not."""
+    return PairBuffer if ends_early else ReplayBuffer

@@ -1,7 +1,6 @@
 """Proximal policy optimization with a clipped objective (Schulman et al., 2017, Algorithm 1)."""
 
 import math
-from typing import NamedTuple
 
 import torch
 from torch import Generator, Tensor
@@ -15,25 +14,36 @@ _LOG_2_PI = math.log(2 * math.pi)
 _ADAM_EPSILON = 1e-5  # stable-baselines 2 and 3
 
 
-class Minibatch(NamedTuple):
-    """Transitions of a rollout, (..., N, 1) but for observations and actions."""
+class Transitions:
+    """Transitions of a rollout, or a minibatch of them, as views of the columns of `rows`.
 
-    observations: Tensor  # (..., N, dim(O))
-    actions: Tensor  # (..., N, action_size), not clipped
-    log_likelihoods: Tensor  # of the actions under the policy that collected the rollout
-    values: Tensor  # estimates of V(s) at the time of the rollout
-    advantages: Tensor  # of the actions
-    returns: Tensor  # targets of V(s)
+    Attributes:
+        rows: (..., N, width).
+        observations: (..., N, dim(O)).
+        explored: (..., N, action_size + 2) what `PPOLearner.explore` returned for them, of which
+            three attributes are views:
+        actions: (..., N, action_size), not clipped.
+        log_likelihoods: (..., N, 1) of the actions under the policy that collected the rollout.
+        values: (..., N, 1) estimates of V(s) at the time of the rollout.
+        advantages: (..., N, 1) of the actions.
+        returns: (..., N, 1) targets of V(s).
+        rewards: (..., N, 1).
+    """
 
+    def __init__(self, rows: Tensor, action_size: int) -> None:
+        size = rows.shape[-1] - self.width(0, action_size)
+        self.rows = rows
+        self.observations, self.explored, self.advantages, self.returns, self.rewards = rows.split(
+            [size, action_size + 2, 1, 1, 1], dim=-1
+        )
+        self.actions, self.log_likelihoods, self.values = self.explored.split(
+            [action_size, 1, 1], dim=-1
+        )
 
-COLUMNS = 5
-"""Columns of a rollout besides observation and action, as in `Minibatch`, and the reward."""
-
-
-def split_minibatch(rows: Tensor, action_size: int) -> Minibatch:
-    """Returns a minibatch from rows (..., N, dim(O) + action_size + COLUMNS) of a rollout."""
-    size = rows.shape[-1] - action_size - COLUMNS
-    return Minibatch(*rows[..., :-1].split([size, action_size, 1, 1, 1, 1], dim=-1))
+    @staticmethod
+    def width(observation_size: int, action_size: int) -> int:
+        """Returns the number of columns of a row."""
+        return observation_size + action_size + 5
 
 
 class PPOLearner(Learner[PPOSettings]):
@@ -90,7 +100,7 @@ class PPOLearner(Learner[PPOSettings]):
         """Returns V(s), (..., N, 1)."""
         return self.critic.forward(observations, exact=True)[..., -1:]
 
-    def update(self, batch: Minibatch) -> None:
+    def update(self, batch: Transitions) -> None:
         """Makes one update from a minibatch of N transitions.
 
         Minimizes L = -L^CLIP + vf_coef L^VF - ent_coef H over mu, V and log sigma. With
@@ -142,7 +152,7 @@ class PPOLearner(Learner[PPOSettings]):
         self._gradient.mul_(scale.nan_to_num_())
         self._optimizer.step()
 
-    def _value_errors(self, values: Tensor, batch: Minibatch) -> tuple[Tensor, Tensor]:
+    def _value_errors(self, values: Tensor, batch: Transitions) -> tuple[Tensor, Tensor]:
         """Returns errors of V(s) and half the derivatives of their squares by V(s), (..., N, 1).
 
         L^VF is 1/N sum errors^2; V(s) may be clipped to within `clip_range_vf` of its old value.

@@ -1,5 +1,7 @@
 """Replay buffers of several seeds, which store every observation once, and their minibatches."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import torch
 from numpy.random import Generator
@@ -41,6 +43,17 @@ class Batch:
         self.mean_weight = torch.full_like(discounts, 1 / rows.shape[-2])
 
 
+@dataclass(frozen=True)
+class Sizes:
+    """Sizes of the replay buffers of several seeds; `environments` and `transitions` of each."""
+
+    seeds: int
+    environments: int
+    transitions: int
+    observation: int
+    action: int
+
+
 class ReplayBuffer:
     """Ring buffers of the last transitions of each environment of each seed.
 
@@ -61,28 +74,32 @@ class ReplayBuffer:
 
     def __init__(
         self,
-        seeds: int,
-        environments: int,
-        capacity: int,
-        observation_size: int,
-        action_size: int,
+        sizes: Sizes,
         *,
         flush_every: int,
+        episode_steps: int,
         dtype: torch.dtype = torch.float32,
         device: torch.device | str = "cpu",
-        episode_steps: int,
     ) -> None:
-        """Allocates buffers for `capacity` transitions per seed; a CPU's memory fills with them."""
+        """Allocates the buffers; a CPU's memory fills with the transitions.
+
+        Args:
+            flush_every: most control steps of each environment between two calls of `flush`.
+            episode_steps: control steps of every episode.
+        """
         self._episode_steps = episode_steps
-        self._capacity = max(capacity // environments, 1)
+        self._capacity = max(sizes.transitions // sizes.environments, 1)
         self._ring = self._span(self._capacity)
+        self._environments = sizes.environments
+        self._size = sizes.observation
+
         pending = self._span(flush_every)
-        self._environments, self._size = environments, observation_size
-        width = observation_size + action_size + 1
-        shape = seeds, environments
+        width = sizes.observation + sizes.action + 1
+        shape = sizes.seeds, sizes.environments
         self._rows = torch.zeros(*shape, self._ring, width, dtype=dtype, device=device)
         self._new = torch.zeros(*shape, pending, width, dtype=dtype)
-        self.row = self._flushed = 0
+        self.row = 0
+        self._flushed = 0
 
     @property
     def environments(self) -> int:

@@ -66,7 +66,8 @@ class Tensors:
     def select(self, seed: int) -> "Tensors":
         """Returns the same tensors as seen by the seed with this index, without its axis."""
         view = copy.copy(self)
-        view._seed, view.batch_shape = seed, ()
+        view._seed = seed
+        view.batch_shape = ()
         return view
 
     @property

@@ -41,11 +41,17 @@ class Updates:
         + offset, if `mirror` (2, seeds, width) of all seeds is given. Then observations and next
         observations are standardized by the newest `statistics`, if they are given.
         """
-        self.group, self._learner, self._replay = group, group.learner, replay
-        self._size, self._gamma = settings.batch_size, settings.gamma
+        self.group = group
+        self._learner = group.learner
+        self._replay = replay
+        self._size = settings.batch_size
+        self._gamma = settings.gamma
         self._has_terminals = replay.knows_terminals or time_limit == "terminal"
         self._source = replay.seed_rows(group.seeds)
-        view, size, width = group.learner.view, settings.batch_size, self._source.shape[-1]
+
+        view = group.learner.view
+        size = settings.batch_size
+        width = self._source.shape[-1]
         self._indices, self._next_indices = (
             view.scratch(name, size, dtype=torch.int64) for name in ("indices", "next_indices")
         )
@@ -59,6 +65,7 @@ class Updates:
         gathered = (batch.rows, self._indices), (batch.next_rows, self._next_indices)
         self._gathered = [(rows.view(-1, width), indices.view(-1)) for rows, indices in gathered]
         self._mirrored = [rows[..., : size // 2, :] for rows in (batch.rows, batch.next_rows)]
+
         self._mirror = mirror
         if mirror is not None:
             mirror = mirror[:, group.seeds.start : group.seeds.stop]

@@ -3,6 +3,7 @@
 import inspect
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 from importlib.metadata import EntryPoint
 from typing import Any
 
@@ -25,12 +26,29 @@ from jbench.settings.base import Settings, canonical_json, omissible, settings_w
 from jbench.settings.run import RunSettings
 from jbench.sources import checksum
 
-_GROUPS: dict[str, tuple[str, Any, Any, str]] = {
-    "jbench.agents": ("agent", Agent, AgentSettings, " with explore, act and learn"),
-    "jbench.rules": ("rule", Rule, OffPolicySettings, ""),
+
+@dataclass(frozen=True)
+class _Group:
+    """A group of entry points, by which packages offer algorithms.
+
+    Attributes:
+        what: what is offered, in errors.
+        base: class of which it is a subclass.
+        settings: class of which its `Settings` are a subclass.
+        methods: those that it must have, in errors.
+    """
+
+    what: str
+    base: type
+    settings: type[Settings]
+    methods: str = ""
+
+
+_GROUPS = {
+    "jbench.agents": _Group("agent", Agent, AgentSettings, " with explore, act and learn"),
+    "jbench.rules": _Group("rule", Rule, OffPolicySettings),
 }
-"""Groups of entry points: what they offer, the base classes of it and of its settings, and what it
-must have."""
+"""By the name of the group."""
 
 _NAME = re.compile(r"[a-z][a-z0-9-]*")
 
@@ -76,11 +94,11 @@ def find_class(name: str) -> Any:
     if plugins.is_imported(name):
         kind = plugins.imported("algorithm", name)
         bases = inspect.getmro(kind) if isinstance(kind, type) else ()
-        group = next((group for group, (_, base, *_) in _GROUPS.items() if base in bases), None)
+        group = next((group for group in _GROUPS.values() if group.base in bases), None)
     else:
         point = _entry_point(name)
-        group = point.group
-        kind = plugins.load(_GROUPS[group][0], point)
+        group = _GROUPS[point.group]
+        kind = plugins.load(group.what, point)
 
     if group is None:
         from stable_baselines3.common.base_class import BaseAlgorithm  # takes a second to import
@@ -93,17 +111,18 @@ def find_class(name: str) -> Any:
 
         return kind
 
-    what, base, settings, methods = _GROUPS[group]
-    is_subclass = isinstance(kind, type) and issubclass(kind, base) and kind is not base
+    is_subclass = isinstance(kind, type) and issubclass(kind, group.base) and kind is not group.base
     if not is_subclass or inspect.isabstract(kind):
         raise WorkError(
-            f"The {what} {name} is no subclass of jbench.{base.__name__}{methods}; fix it, or "
-            "uninstall the package that offers it."
+            f"The {group.what} {name} is no subclass of jbench.{group.base.__name__}"
+            f"{group.methods}; fix it, or uninstall the package that offers it."
         )
 
-    if not (isinstance(kind.Settings, type) and issubclass(kind.Settings, settings)):
-        needed = settings.__name__
-        raise WorkError(f"Settings of the {what} {name} is no subclass of jbench.{needed}.")
+    if not (isinstance(kind.Settings, type) and issubclass(kind.Settings, group.settings)):
+        raise WorkError(
+            f"Settings of the {group.what} {name} is no subclass of "
+            f"jbench.{group.settings.__name__}."
+        )
 
     return kind
 

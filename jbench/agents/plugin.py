@@ -103,6 +103,17 @@ class Agent(ABC):
             empty if there are none.
         """
 
+    def truncate(self, truncated: NDArray[np.bool_]) -> None:  # noqa: B027 - optional
+        """Called after `restore` if some episodes could not be repeated, and were truncated there.
+
+        What `learn` was called with last was then the end of these episodes, and their last value
+        is bootstrapped; the next transition is the first one of others. An agent overrides this if
+        it keeps something from one transition of an episode to the next, such as the return so far.
+
+        Args:
+            truncated: (environments,) whose episodes these are.
+        """
+
     def policy(self) -> nn.Module | None:
         """Returns the deterministic policy as a module from observations (n, size) to actions.
 

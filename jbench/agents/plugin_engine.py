@@ -154,6 +154,11 @@ class PluginEngine(Engine):
         if (name := divergent_loss(numbers)) is not None:
             self._record_divergence(0, name)
 
+    def _truncate(self, step: StepResult) -> None:
+        """Tells the agent, which has learned from the last transitions already."""
+        assert step.ends is not None
+        self._call(self._agent.truncate, step.ends.ended[0].copy())
+
     def _module(self) -> nn.Module | None:
         """Returns the agent's policy; a new module draws its initial weights."""
         with _kept_generators(self._device):

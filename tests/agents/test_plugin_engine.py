@@ -94,6 +94,42 @@ def test_restored_engine_continues_bit_for_bit(task, stop, motors):
         assert second.policy(0).files() == weights
 
 
+class AddingUp(RandomAgent):
+    """Keeps the returns of the current episodes, as a method of returns so far would."""
+
+    def __init__(self, settings, environment, seed, device):
+        super().__init__(settings, environment, seed, device)
+        self.returns = np.zeros(environment.environments)
+
+    def learn(self, transition):
+        self.returns += transition.rewards
+        self.returns[transition.terminated | transition.truncated] = 0
+        return {}
+
+    def truncate(self, truncated):
+        self.returns[truncated] = 0
+
+    def state(self):
+        return {**super().state(), "returns": self.returns}
+
+    def restore(self, state):
+        super().restore(state)
+        self.returns = state["returns"]
+
+
+def test_agent_knows_of_episodes_that_were_truncated_as_they_did_not_repeat():
+    with build_engine(AddingUp, "tests.gym_tasks:drifts") as engine:
+        list(engine.learn(10))
+        state = engine.state(0)
+        assert (engine._agent.returns != 0).any()
+    with build_engine(AddingUp, "tests.gym_tasks:drifts") as resumed:
+        resumed.restore([state])
+        assert resumed.cut.ended.any()
+        for _ in resumed.learn(30):
+            so_far = resumed.environments._returns[0]
+            np.testing.assert_allclose(resumed._agent.returns, so_far, rtol=1e-5)
+
+
 class DrawingOnGPU(RandomAgent):
     """Draws from the generator of the GPU, which a fixture replaces by one of the CPU."""
 

@@ -223,6 +223,10 @@ def make_sbx(directory: Path) -> str:
 
 
 def main() -> None:
+    import cost
+    import shares
+    from update_rates import BURSTS, UPDATES, cpu_rows
+
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--algos", default="ddpg,td3,sac,ppo", help="algorithms to compare")
     parser.add_argument("--task", default=TASK, help="task to train on")
@@ -237,12 +241,10 @@ def main() -> None:
     parser.add_argument(
         "--normalize", action="store_true", help="compare with and without standardized inputs"
     )
-    parser.add_argument("--bursts", type=int, default=30, help="of 50 updates of DDPG alone")
+    parser.add_argument("--bursts", type=int, default=BURSTS, help="bursts of DDPG's updates alone")
+    parser.add_argument("--updates", type=int, default=UPDATES, help="updates of a burst")
     parser.add_argument("--share-steps", type=int, help="control steps of the shares of training")
     arguments = parser.parse_args()
-    import cost
-    import shares
-    from update_rates import cpu_rows
 
     algos = arguments.algos.split(",")
     if arguments.cores is not None:
@@ -261,7 +263,7 @@ def main() -> None:
         return
     for algo in algos:
         compare(algo, arguments)
-    cpu_rows(arguments.bursts)
+    cpu_rows(arguments.bursts, arguments.updates)
     shares.rows({algo: arguments.share_steps or shares.STEPS[algo] for algo in algos})
 
 

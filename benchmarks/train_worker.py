@@ -16,7 +16,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-WARM_UP = 300  # control steps of each seed; updates begin after 256
+WARM_UP = 270  # control steps of each seed; updates begin after 256
 
 Request = dict[str, Any]
 Episodes = list[tuple[int, int, float]]

@@ -20,7 +20,7 @@ from jbench.settings.algorithms import algorithm_settings
 
 BATCH, OBSERVATION, HIDDEN = 256, 16, (350, 250)
 TRANSITIONS = 100_000
-BURST = 50  # updates at a time, as DDPG makes them
+UPDATES = 50  # of a burst, as DDPG makes them
 BURSTS = 30
 
 
@@ -82,7 +82,7 @@ def products() -> Callable[[], None]:
 
 
 def fraction_of_products(
-    seeds: int, precision: str = "float32", bursts: int = BURSTS
+    seeds: int, precision: str = "float32", bursts: int = BURSTS, updates: int = UPDATES
 ) -> tuple[float, float, float]:
     """Returns the seconds of an update, those of its products alone, and their ratio.
 
@@ -92,14 +92,14 @@ def fraction_of_products(
     times: list[tuple[float, float]] = []
     for burst in range(bursts // seeds + 2):
         for group in engine.group_updates:
-            group.prepare(1 + burst * BURST, BURST)
+            group.prepare(1 + burst * updates, updates)
             began = time.thread_time()
             group.run()
             update = time.thread_time() - began
             began = time.thread_time()
-            for _ in range(BURST):
+            for _ in range(updates):
                 alone()
-            times.append((update / BURST, (time.thread_time() - began) / BURST))
+            times.append((update / updates, (time.thread_time() - began) / updates))
     times = times[seeds:]
     return (
         median(update for update, _ in times),
@@ -108,12 +108,12 @@ def fraction_of_products(
     )
 
 
-def cpu_rows(bursts: int = BURSTS) -> None:
+def cpu_rows(bursts: int = BURSTS, updates: int = UPDATES) -> None:
     """Prints the rows of one core while a second process keeps the other core busy."""
     torch.set_num_threads(1)
     with subprocess.Popen([sys.executable, __file__, "--busy"]) as other:
         for precision in ("float32", "bfloat16"):
-            update, alone, part = fraction_of_products(5, precision, bursts)
+            update, alone, part = fraction_of_products(5, precision, bursts, updates)
             print(
                 f"DDPG's update in {precision}: {update * 1e3:.2f} ms per core, its products alone "
                 f"in float32 {alone * 1e3:.2f} ms: {part:.2f} of the rate of products",
@@ -124,11 +124,12 @@ def cpu_rows(bursts: int = BURSTS) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--bursts", type=int, default=BURSTS, help="of 50 updates")
+    parser.add_argument("--bursts", type=int, default=BURSTS, help="bursts of updates")
+    parser.add_argument("--updates", type=int, default=UPDATES, help="updates of a burst")
     parser.add_argument("--busy", action="store_true", help="go on until killed; print nothing")
     arguments = parser.parse_args()
     if not arguments.busy:
-        cpu_rows(arguments.bursts)
+        cpu_rows(arguments.bursts, arguments.updates)
         return
     torch.set_num_threads(1)
     while True:

@@ -1,6 +1,7 @@
 """Choice of the device that trains agents or encoders."""
 
 import re
+import time
 from typing import TYPE_CHECKING
 
 from jbench.errors import RequestError
@@ -8,6 +9,8 @@ from jbench.names import DEVICES, Precision, in_prose
 
 if TYPE_CHECKING:
     import torch
+
+_MEASURED_SECONDS = 0.1  # of matrix products, for each precision
 
 
 def find_device(name: str) -> "torch.device":
@@ -40,3 +43,36 @@ def check_precision(precision: Precision, device: str) -> None:
     """Raises a RequestError if a device, such as cpu or cuda:1, does not have a precision."""
     if precision == "tf32" and device == "cpu":
         raise RequestError("Only a GPU has the precision tf32; type float32 or bfloat16.")
+
+
+def slowdown_of_bfloat16() -> float:
+    """Returns how many times as long matrix products take in bfloat16 as in float32, measured here.
+
+    A processor without instructions for bfloat16 (AMX, AVX-512 BF16) converts each number, and
+    takes many times as long. The products are those of a hidden layer of 350 and 250 units, in one
+    thread, as agents are trained.
+    """
+    import torch
+
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        return _seconds_of_product(torch.bfloat16) / _seconds_of_product(torch.float32)
+    finally:
+        torch.set_num_threads(threads)
+
+
+def _seconds_of_product(dtype: "torch.dtype") -> float:
+    """Returns the seconds of this thread that a product of a minibatch and a layer takes."""
+    import torch
+
+    inputs = torch.ones(256, 350, dtype=dtype)
+    weights = torch.ones(350, 250, dtype=dtype)
+    taken: list[float] = []
+    while sum(taken) < _MEASURED_SECONDS:
+        began = time.thread_time()
+        torch.mm(inputs, weights)
+        taken.append(time.thread_time() - began)
+
+    # Other work on the machine only adds to a time.
+    return min(taken)

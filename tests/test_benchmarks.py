@@ -80,7 +80,7 @@ CASES = (
     Case("ship_reference", "results --out shipped", ("0 runs; 0.0 MB in a wheel",)),
     Case(
         "train",
-        "--algos ddpg --rounds 1 --seconds 0.3 --bursts 1 --share-steps 1000",
+        "--algos ddpg --rounds 1 --seconds 0.3 --bursts 1 --updates 2 --share-steps 1000",
         ("ddpg  batched, 10 seeds .* x stable-baselines3", "DDPG's update in float32", *SHARES),
     ),
     Case(
@@ -98,7 +98,7 @@ CASES = (
         "--task face_direction --candidates 16 --episodes 1 --steps 20 --held-out 2",
         ("0: mean", "face_direction: tuning", "face_direction: held out"),
     ),
-    Case("update_rates", "--bursts 1", ("update in float32", "update in bfloat16")),
+    Case("update_rates", "--bursts 1 --updates 2", ("update in float32", "update in bfloat16")),
     Case("vector_env", "--envs 2 --rounds 1 --seconds 0.1", ("SyncVectorEnv", "for each environ")),
 )
 

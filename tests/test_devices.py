@@ -1,10 +1,13 @@
-"""Tests of `find_device`, which resolves the name of a device."""
+"""Tests of the choice of a device, and of what is said of a precision that it is slow in."""
 
 import pytest
 import torch
 
-from jbench.devices import find_device
+from jbench.commands import training
+from jbench.devices import find_device, slowdown_of_bfloat16
 from jbench.errors import RequestError
+from jbench.settings.algorithms import algorithm_settings
+from jbench.settings.run import RunSettings
 
 
 @pytest.fixture
@@ -44,3 +47,31 @@ def test_missing_or_unknown_device_is_refused(gpus, count, name, sentence):
     with pytest.raises(RequestError) as caught:
         find_device(name)
     assert str(caught.value) == sentence
+
+
+@pytest.mark.parametrize(
+    ("slowdown", "precision", "is_warned"),
+    [(18.0, "bfloat16", True), (0.4, "bfloat16", False), (18.0, "float32", False)],
+)
+def test_bfloat16_on_a_processor_without_it_is_warned_of(
+    slowdown, precision, is_warned, capsys, monkeypatch
+):
+    monkeypatch.setattr(training, "slowdown_of_bfloat16", lambda: slowdown)
+    hyperparameters = algorithm_settings("td3").model_dump(mode="json")
+    run = RunSettings(
+        task="face_direction",
+        algo="td3",
+        seed=0,
+        steps=10_000,
+        evaluate_every=5_000,
+        evaluate_episodes=1,
+        hyperparameters=hyperparameters,
+        precision=precision,
+    )
+    training.check_runs([run], "no", "cpu")
+    said = "Warning: this processor multiplies in bfloat16 18.0 times as slowly as in float32"
+    assert (said in capsys.readouterr().err) is is_warned
+
+
+def test_slowdown_of_bfloat16_is_measured():
+    assert slowdown_of_bfloat16() > 0

@@ -98,7 +98,7 @@ def train(
     runs, notes = plan_runs(runs, database, accept_changed_code)
     if "evaluate_every" in free:
         runs = with_kept_evaluations(runs, database, *free)
-    training.check_runs(runs[:1], keep)
+    training.check_runs(runs[:1], keep, train_on)
     notes = [*training.note_encoder(encoder, runs[0]), *notes]
     cells = [_cell(runs, algo, settings, notes)]
     title = counted(len(runs), "run")
@@ -228,7 +228,7 @@ def sweep(
     )
     cells = matrix_cells(parts, database, accept_changed_code)
     output.if_stopped(lambda: training.kept(all_runs(cells), database))
-    training.check_runs([cell.runs[0] for cell in cells], keep)
+    training.check_runs([cell.runs[0] for cell in cells], keep, train_on)
     if until_decided:
         more = None if dry_run else train
         document, count = decide(matrix, parts, cells, claims or [], database, limit, more)

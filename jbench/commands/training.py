@@ -8,6 +8,7 @@ from typing import Any, get_args
 
 from jbench.commands import output
 from jbench.commands.training_view import TrainingView
+from jbench.devices import slowdown_of_bfloat16
 from jbench.errors import ElsewhereError, WorkError
 from jbench.loggers.logger import copying_rows, make_logger
 from jbench.names import EVALUATION_EPISODES, KeepState
@@ -42,10 +43,16 @@ def worker_options(
     }
 
 
-def check_runs(runs: Sequence[RunSettings], keep_state: KeepState) -> None:
-    """Checks that runs, one of each configuration, can be kept; warns of unexpected lengths."""
+def check_runs(runs: Sequence[RunSettings], keep_state: KeepState, device: str) -> None:
+    """Checks that runs, one of each configuration, can be kept.
+
+    Warns of unexpected lengths, and of a precision that the device, such as cpu, is slow in.
+    """
     if keep_state != "no":
         check_state_can_be_kept(runs, keep_state)
+
+    if device == "cpu" and any(run.precision == "bfloat16" for run in runs):
+        _warn_of_slow_bfloat16()
 
     sentences = []
     for run in runs:
@@ -71,6 +78,15 @@ def check_runs(runs: Sequence[RunSettings], keep_state: KeepState) -> None:
 
     for sentence in dict.fromkeys(sentences):
         output.warn(sentence)
+
+
+def _warn_of_slow_bfloat16() -> None:
+    slowdown = slowdown_of_bfloat16()
+    if slowdown > 1:
+        output.warn(
+            f"this processor multiplies in bfloat16 {slowdown:.1f} times as slowly as in float32; "
+            "leave --precision out (in a matrix file, the key precision)."
+        )
 
 
 def train_cells(

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from jbench.commands import training
+from jbench.commands import run_checks
 from jbench.devices import find_device, slowdown_of_bfloat16
 from jbench.errors import RequestError
 from jbench.settings.algorithms import algorithm_settings
@@ -56,7 +56,7 @@ def test_missing_or_unknown_device_is_refused(gpus, count, name, sentence):
 def test_bfloat16_on_a_processor_without_it_is_warned_of(
     slowdown, precision, is_warned, capsys, monkeypatch
 ):
-    monkeypatch.setattr(training, "slowdown_of_bfloat16", lambda: slowdown)
+    monkeypatch.setattr(run_checks, "slowdown_of_bfloat16", lambda: slowdown)
     hyperparameters = algorithm_settings("td3").model_dump(mode="json")
     run = RunSettings(
         task="face_direction",
@@ -68,7 +68,7 @@ def test_bfloat16_on_a_processor_without_it_is_warned_of(
         hyperparameters=hyperparameters,
         precision=precision,
     )
-    training.check_runs([run], "no", "cpu")
+    run_checks.check_runs([run], "no", "cpu")
     said = "Warning: this processor multiplies in bfloat16 18.0 times as slowly as in float32"
     assert (said in capsys.readouterr().err) is is_warned
 

@@ -68,6 +68,7 @@ def train(
     """Train agents, one run per seed; finished runs are skipped."""
     from jbench.agents.algorithms import choose_engine
     from jbench.commands import training
+    from jbench.commands.run_checks import check_runs
     from jbench.sweeps.executors import Local, default_jobs
     from jbench.training.code import plan_runs
     from jbench.training.request import request_runs, training_device
@@ -98,7 +99,7 @@ def train(
     runs, notes = plan_runs(runs, database, accept_changed_code)
     if "evaluate_every" in free:
         runs = with_kept_evaluations(runs, database, *free)
-    training.check_runs(runs[:1], keep, train_on)
+    check_runs(runs[:1], keep, train_on)
     notes = [*training.note_encoder(encoder, runs[0]), *notes]
     cells = [_cell(runs, algo, settings, notes)]
     title = counted(len(runs), "run")
@@ -196,8 +197,7 @@ def sweep(
     """
     from jbench.commands import training
     from jbench.commands.deciding import decide, seeds_to_compare
-    from jbench.studies.matrix import only as only_some
-    from jbench.studies.matrix import read_matrix
+    from jbench.commands.run_checks import check_runs
     from jbench.sweeps.cell import all_runs, matrix_cells
     from jbench.sweeps.executors import Local, Ray, default_jobs
     from jbench.training.status import failures_among, run_statuses
@@ -205,13 +205,11 @@ def sweep(
     database = parsing.results_to_write(results)
     if until_decided:
         _check_until_decided(seeds, only)
-    elif claims or max_seeds is not None:
-        raise RequestError("COMPARISON and --max-seeds are for --until-decided.")
+    else:
+        _check_all_seeds(claims, max_seeds)
     limit = names.MAX_SEEDS if max_seeds is None else max_seeds
-    chosen = parsing.seeds(seeds) if seeds is not None else None
-    typed = {"steps": steps, "seeds": seeds_to_compare(matrix, limit) if until_decided else chosen}
-    parts = read_matrix(matrix, **{key: value for key, value in typed.items() if value is not None})
-    parts = only_some(parts, parsing.comma_separated(only))
+    wanted = seeds_to_compare(matrix, limit) if until_decided else _typed_seeds(seeds)
+    parts = _chosen_parts(matrix, only, steps=steps, seeds=wanted)
     train_on = _device(executor, address, gpus_per_task, parts.values(), device)
     at_once = jobs or default_jobs(train_on)
     keep = parsing.kept_state(keep_state, keep_compact_state)
@@ -228,7 +226,7 @@ def sweep(
     )
     cells = matrix_cells(parts, database, accept_changed_code)
     output.if_stopped(lambda: training.kept(all_runs(cells), database))
-    training.check_runs([cell.runs[0] for cell in cells], keep, train_on)
+    check_runs([cell.runs[0] for cell in cells], keep, train_on)
     if until_decided:
         more = None if dry_run else train
         document, count = decide(matrix, parts, cells, claims or [], database, limit, more)
@@ -252,6 +250,26 @@ def _check_until_decided(seeds: str | None, only: str | None) -> None:
         raise RequestError("--until-decided chooses the seeds; type --max-seeds, not --seeds.")
     if only is not None:
         raise RequestError("--until-decided decides whole comparisons; name them, without --only.")
+
+
+def _check_all_seeds(claims: list[str] | None, max_seeds: int | None) -> None:
+    """Raises a RequestError for options that only `--until-decided` takes."""
+    if claims or max_seeds is not None:
+        raise RequestError("COMPARISON and --max-seeds are for --until-decided.")
+
+
+def _typed_seeds(seeds: str | None) -> list[int] | None:
+    return None if seeds is None else parsing.seeds(seeds)
+
+
+def _chosen_parts(
+    matrix: str, only_some: str | None, **typed: int | list[int] | None
+) -> dict[str, "Matrix"]:
+    """Returns the parts of a matrix that a user wants, with the settings that the user typed."""
+    from jbench.studies.matrix import only, read_matrix
+
+    changes = {name: value for name, value in typed.items() if value is not None}
+    return only(read_matrix(matrix, **changes), parsing.comma_separated(only_some))
 
 
 def _device(

@@ -1,4 +1,4 @@
-"""What train and sweep have in common: checks, training with its progress, and tables."""
+"""What train and sweep have in common: training with its progress, and tables."""
 
 import sys
 from collections.abc import Callable, Sequence, Sized
@@ -8,7 +8,6 @@ from typing import Any, get_args
 
 from jbench.commands import output
 from jbench.commands.training_view import TrainingView
-from jbench.devices import slowdown_of_bfloat16
 from jbench.errors import ElsewhereError, WorkError
 from jbench.loggers.logger import copying_rows, make_logger
 from jbench.names import EVALUATION_EPISODES, KeepState
@@ -19,11 +18,9 @@ from jbench.store.listing import line_with_returns
 from jbench.sweeps.cell import Cell, all_runs, is_finished, missing_encoders
 from jbench.sweeps.cell_status import cell_statuses, seconds_left
 from jbench.sweeps.scheduler import Executor, sweep
-from jbench.tasks.find import find_task
 from jbench.training.events import Event
 from jbench.training.status import (
     RunState,
-    check_state_can_be_kept,
     failures_among,
     new_beginnings,
     run_status,
@@ -41,52 +38,6 @@ def worker_options(
         "final_episodes": final_episodes,
         "checkpoint_every": checkpoint_every,
     }
-
-
-def check_runs(runs: Sequence[RunSettings], keep_state: KeepState, device: str) -> None:
-    """Checks that runs, one of each configuration, can be kept.
-
-    Warns of unexpected lengths, and of a precision that the device, such as cpu, is slow in.
-    """
-    if keep_state != "no":
-        check_state_can_be_kept(runs, keep_state)
-
-    if device == "cpu" and any(run.precision == "bfloat16" for run in runs):
-        _warn_of_slow_bfloat16()
-
-    sentences = []
-    for run in runs:
-        output.note_task(find_task(run.task))
-
-    for run in (run for run in runs if run.algorithm.knows_rollouts):
-        end = run.last_step
-        episode = run.episode_steps
-        if run.steps % episode and not find_task(run.task).ends_early:
-            where = f"in the middle of an episode of {episode:,}, whose return is not recorded"
-            if end % (episode * run.environments) == 0:
-                where = f"at the end of an episode of {episode:,}"
-            sentences.append(f"a run of {run.steps:,} control steps ends after {end:,}, {where}.")
-
-        first = run.algorithm.first_update
-        if end < first:
-            sentences.append(
-                f"{run.algo} first updates its networks after {first:,} control "
-                f"steps, so a run of {run.steps:,} learns nothing; raise --steps, or lower that "
-                "number with --set learning_starts=N and --set train_freq=N (in a matrix file, the "
-                f"same keys of [hyperparameters.{run.algo}])."
-            )
-
-    for sentence in dict.fromkeys(sentences):
-        output.warn(sentence)
-
-
-def _warn_of_slow_bfloat16() -> None:
-    slowdown = slowdown_of_bfloat16()
-    if slowdown > 1:
-        output.warn(
-            f"this processor multiplies in bfloat16 {slowdown:.1f} times as slowly as in float32; "
-            "leave --precision out (in a matrix file, the key precision)."
-        )
 
 
 def train_cells(

@@ -28,6 +28,7 @@ class Drawing(NamedTuple):
     Attributes:
         columns: its width in columns of a paper.
         is_standardized: whether its agents standardize their inputs, as those of the authors.
+        representations: those whose runs it shows; none for all.
     """
 
     name: str
@@ -36,26 +37,36 @@ class Drawing(NamedTuple):
     algo: str = "td3"
     columns: int = 1
     is_standardized: bool = False
+    representations: tuple[str, ...] = ()
 
 
 DRAWINGS = (
+    Drawing(
+        "readme-td3",
+        columns=2,
+        representations=("full", "scaled16", "planar12", "planar-mirror12", "dae12"),
+    ),
     Drawing("answer-td3", columns=2),
     Drawing("answer-harder", task="move_in_direction", columns=2),
     Drawing("answer-authors", algo="ddpg", columns=2, is_standardized=True),
 )
 
 
-def copy_compared(target: Path, is_standardized: bool) -> Results:
-    """Copies the shipped runs that docs/answer.md compares, all encoders and all evaluations.
-
-    Of the runs, those whose agents standardize their inputs, or the others.
-    """
+def copy_compared(target: Path, drawing: Drawing) -> Results:
+    """Copies the shipped runs that a figure shows, all encoders and all evaluations."""
     source = shipped_results()
     for run in source.scan("run")[0]:
         if run.settings["engine"] != "batched" or "precision" in run.settings:
             continue
-        if (run.settings["hyperparameters"].get("normalize") == "running") == is_standardized:
+
+        representation = run.id.split("/")[2]
+        if drawing.representations and representation not in drawing.representations:
+            continue
+
+        is_standardized = run.settings["hyperparameters"].get("normalize") == "running"
+        if is_standardized == drawing.is_standardized:
             shutil.copytree(run.path, target / run.path.relative_to(source.path))
+
     for kind in ("encoders", "evaluations"):
         shutil.copytree(source.path / kind, target / kind)
     return Results(target)
@@ -76,9 +87,6 @@ def draw(results: Results, drawing: Drawing) -> None:
 
 
 if __name__ == "__main__":
-    for are_standardized in (False, True):
+    for one in DRAWINGS:
         with tempfile.TemporaryDirectory() as directory:
-            compared = copy_compared(Path(directory), are_standardized)
-            for one in DRAWINGS:
-                if one.is_standardized == are_standardized:
-                    draw(compared, one)
+            draw(copy_compared(Path(directory), one), one)

@@ -24,11 +24,9 @@ SITE = ROOT / "build" / "site"
 
 RESULTS_PAGE = """# The shipped runs
 
-jbench ships its own runs: DDPG, TD3, SAC and PPO on `face_direction`, TD3 on `move_in_direction`,
-and DDPG and TD3 on reduced observations.
-`jbench report --results reference --claims` wrote [their whole report](reference/index.html).
-`report.md` and `claims.md` explain it; `answer-details.md` lists the commands that trained the
-runs.
+jbench ships its own runs. `jbench report --results reference --claims` wrote [their whole
+report](reference/index.html). `report.md` and `claims.md` explain it; `answer-details.md` lists the
+commands that trained the runs on reduced observations.
 
 ![Learning curves of the shipped runs by representation](reference/figures/representations.svg)
 
@@ -106,6 +104,8 @@ def linked(text: str, titles: dict[str, str]) -> str:
     text = text.replace("](docs/", "](").replace("](CONTRIBUTING.md", "](contributing.md")
     # Not part of the site.
     text = re.sub(r"\[([^\]]*)\]\(((?:examples|LICENSE|SECURITY|CITATION)[^)]*)\)", r"\1", text)
+    # An interval stays in one line of its cell.
+    text = re.sub(r"(\[[-+]?[\d.]+,) ([-+]?[\d.]+\])", "\\1\N{NO-BREAK SPACE}\\2", text)
 
     def link(mention: re.Match[str]) -> str:
         return f"[{titles[mention[1]]}]({mention[1]})" if mention[1] in titles else mention[0]

@@ -18,6 +18,7 @@ import pytest
 import yaml
 from typer.main import get_command
 
+import jbench
 from jbench import paper
 from jbench.cli import app
 from jbench.datasets import Dataset
@@ -204,6 +205,13 @@ def test_citation_file_cites_paper():
         assert tuple(names) == paper.AUTHORS
         assert (work["title"], work["year"]) == (paper.TITLE, paper.YEAR)
         assert work["collection-title"] == paper.VENUE
+
+
+def test_citation_file_names_newest_release():
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    released = f"## {cited['version']} ({cited['date-released']})"
+    assert f"\n{released}\n" in (ROOT / "CHANGELOG.md").read_text()
+    assert cited["version"] == jbench.__version__
 
 
 def test_pages_for_language_models_exist():

@@ -35,7 +35,7 @@ _VERBS = {
             "Experiment",
             hidden=True,  # an older name
         ),
-        Verb("sweep question --dry-run", "train:sweep", "Experiment"),
+        Verb("sweep question --dry-run", "sweep:sweep", "Experiment"),
         Verb("report --results reference --claims", "report:report", "Experiment"),
         Verb("evaluate reference/face_direction/ddpg/full", "policies:evaluate", "Policies"),
         Verb("render heuristic --task move_to_pose --out pose.gif", "policies:render", "Policies"),

@@ -1,11 +1,11 @@
-"""The commands that train agents: train, sweep."""
+"""The command train: the seeds of one configuration."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from typer import Argument, Option
+from typer import Option
 
 from jbench import names
 from jbench.commands import options, output, parsing
@@ -13,10 +13,9 @@ from jbench.errors import RequestError
 from jbench.settings.algorithms import ALGORITHMS
 from jbench.settings.run import TYPED, RunSettings
 from jbench.task_specs import GYM
-from jbench.wording import counted, with_results
+from jbench.wording import counted
 
 if TYPE_CHECKING:
-    from jbench.studies.matrix import Matrix
     from jbench.sweeps.cell import Cell
 
 
@@ -133,168 +132,3 @@ def _cell(
         default_base(first.task, base),
         notes=tuple(notes),
     )
-
-
-def sweep(
-    matrix: str = Argument(
-        ...,
-        help=f"Matrix of runs: {', '.join(names.SWEEPS)}, or a FILE.toml.",
-        autocompletion=lambda: names.SWEEPS,
-    ),
-    claims: list[str] = Argument(
-        None,
-        metavar="COMPARISON",
-        help="With --until-decided: what to decide, such as dae12/full, or dae12 for all its "
-        "comparisons (default: all).",
-    ),
-    only: str | None = Option(
-        None,
-        metavar="NAME,…",
-        help="Only some of the matrix: the names of parts, tasks, algorithms or representations, "
-        "such as face_direction,dae12.",
-    ),
-    dry_run: bool = options.DRY_RUN_OR_STATUS,
-    retry_failed: bool = options.RETRY_FAILED,
-    seeds: str | None = Option(
-        None, "--seeds", "--seed", help="Seeds, such as 0-9 or 0,2,5-7 (default: the matrix's)."
-    ),
-    steps: int | None = Option(
-        None, parser=parsing.count, help="Control steps of each run (default: the matrix's)."
-    ),
-    until_decided: bool = Option(
-        False,
-        "--until-decided",
-        help="Add seeds in blocks of five until the comparisons of the matrix are decided, by "
-        "default those of each representation with full and scaled.",
-    ),
-    max_seeds: int | None = Option(
-        None,
-        help=f"With --until-decided: most seeds of a configuration (default: {names.MAX_SEEDS}).",
-    ),
-    executor: names.ExecutorName = Option(
-        "local", help="Where runs are trained: local (this machine) or ray (a Ray cluster)."
-    ),
-    address: str | None = Option(
-        None, help="Address of the Ray cluster (default: RAY_ADDRESS, else a local Ray)."
-    ),
-    gpus_per_task: float = Option(
-        0.0, min=0, help="With --executor ray: GPUs per process; may be a fraction."
-    ),
-    device: str = options.DEVICE,
-    checkpoint_every: float = options.CHECKPOINT_EVERY,
-    keep_state: bool = options.KEEP_STATE,
-    keep_compact_state: bool = options.KEEP_COMPACT_STATE,
-    accept_changed_code: bool = options.ACCEPT_CHANGED_CODE,
-    final_episodes: int | None = options.FINAL_EPISODES,
-    log: names.LoggerName | None = options.LOG,
-    jobs: int = options.JOBS,
-    results: Path = options.RESULTS,
-    json: bool = options.JSON,
-) -> None:
-    """Train the missing runs of a matrix of settings.
-
-    A matrix has tasks, algorithms, representations and seeds.
-    """
-    from jbench.commands import training
-    from jbench.commands.deciding import decide, seeds_to_compare
-    from jbench.commands.run_checks import check_runs
-    from jbench.sweeps.cell import all_runs, matrix_cells
-    from jbench.sweeps.executors import Local, Ray, default_jobs
-    from jbench.training.status import failures_among, run_statuses
-
-    database = parsing.results_to_write(results)
-    if until_decided:
-        _check_until_decided(seeds, only)
-    else:
-        _check_all_seeds(claims, max_seeds)
-    limit = names.MAX_SEEDS if max_seeds is None else max_seeds
-    wanted = seeds_to_compare(matrix, limit) if until_decided else _typed_seeds(seeds)
-    parts = _chosen_parts(matrix, only, steps=steps, seeds=wanted)
-    train_on = _device(executor, address, gpus_per_task, parts.values(), device)
-    at_once = jobs or default_jobs(train_on)
-    keep = parsing.kept_state(keep_state, keep_compact_state)
-    worker = training.worker_options(keep, final_episodes, checkpoint_every)
-    local = partial(Local, database, at_once, train_on, **worker)
-    cluster = partial(Ray, database, address, jobs, gpus_per_task, **worker)
-    train = partial(
-        training.train_cells,
-        results=database,
-        make_executor=local if executor == "local" else cluster,
-        log=log,
-        device=device,
-        retry_failed=retry_failed,
-    )
-    cells = matrix_cells(parts, database, accept_changed_code)
-    output.if_stopped(lambda: training.kept(all_runs(cells), database))
-    check_runs([cell.runs[0] for cell in cells], keep, train_on)
-    if until_decided:
-        more = None if dry_run else train
-        document, count = decide(matrix, parts, cells, claims or [], database, limit, more)
-    else:
-        runs = all_runs(cells)
-        failures = {} if dry_run else train(cells)
-        count = len(runs)
-        title = f"{matrix}: {counted(count, 'run')}"
-        document = training.show_status(title, cells, database, at_once, train_on, times=dry_run)
-        document["made_first"] = training.show_missing(cells, database)
-        document["failures"] = failures | failures_among(run_statuses(runs, database))
-    output.document({"matrix": matrix, **document})
-    if not dry_run:
-        training.check_failures(document["failures"], count)
-        output.say(f"Next: {with_results('jbench report', results)}")
-
-
-def _check_until_decided(seeds: str | None, only: str | None) -> None:
-    """Raises a RequestError for options that `--until-decided` does not take."""
-    if seeds is not None:
-        raise RequestError("--until-decided chooses the seeds; type --max-seeds, not --seeds.")
-    if only is not None:
-        raise RequestError("--until-decided decides whole comparisons; name them, without --only.")
-
-
-def _check_all_seeds(claims: list[str] | None, max_seeds: int | None) -> None:
-    """Raises a RequestError for options that only `--until-decided` takes."""
-    if claims or max_seeds is not None:
-        raise RequestError("COMPARISON and --max-seeds are for --until-decided.")
-
-
-def _typed_seeds(seeds: str | None) -> list[int] | None:
-    return None if seeds is None else parsing.seeds(seeds)
-
-
-def _chosen_parts(
-    matrix: str, only_some: str | None, **typed: int | list[int] | None
-) -> dict[str, "Matrix"]:
-    """Returns the parts of a matrix that a user wants, with the settings that the user typed."""
-    from jbench.studies.matrix import only, read_matrix
-
-    changes = {name: value for name, value in typed.items() if value is not None}
-    return only(read_matrix(matrix, **changes), parsing.comma_separated(only_some))
-
-
-def _device(
-    executor: str, address: str | None, gpus: float, parts: Iterable["Matrix"], device: str
-) -> str:
-    """Returns the device that the batched engine trains on, `cpu`, `cuda` or such as `cuda:1`."""
-    from jbench.devices import check_precision
-    from jbench.settings.engines import ENGINES
-    from jbench.training.request import training_device
-
-    if executor == "local":
-        if address is not None or gpus:
-            raise RequestError("--address and --gpus-per-task are for --executor ray.")
-        devices = [training_device(part.engine, device, part.precision) for part in parts]
-        return next((device for device in devices if device != "cpu"), "cpu")
-
-    if device != "auto":
-        raise RequestError("--device is for --executor local; type --gpus-per-task.")
-
-    train_on = "cuda" if gpus else "cpu"
-    for part in parts:
-        check_precision(part.precision, train_on)
-        if gpus and part.engine is not None and not ENGINES[part.engine].is_for_gpu:
-            raise RequestError(
-                f"--gpus-per-task is for the batched engine; this matrix uses {part.engine}."
-            )
-
-    return train_on

@@ -18,7 +18,7 @@ from jbench.store.listing import line_with_returns
 from jbench.sweeps.cell import Cell, all_runs, is_finished, missing_encoders
 from jbench.sweeps.cell_status import cell_statuses, seconds_left
 from jbench.sweeps.scheduler import Executor, sweep
-from jbench.training.events import Event
+from jbench.training.events import Event, Note, Warned
 from jbench.training.status import (
     RunState,
     failures_among,
@@ -54,9 +54,9 @@ def train_cells(
     """
 
     def show(event: Event) -> None:
-        if event.kind == "note":
+        if isinstance(event, Note):
             output.say(event.text)
-        elif event.kind == "warning":
+        elif isinstance(event, Warned):
             output.warn(event.text)
         else:
             view.show(event)

@@ -9,7 +9,19 @@ from rich.progress import TaskID
 
 from jbench.commands.progress import LastReturns, Meters, sparkline
 from jbench.settings.run import RunSettings
-from jbench.training.events import Event
+from jbench.training.events import (
+    EpisodeEnded,
+    Event,
+    Finished,
+    LastEvent,
+    Note,
+    ProcessEnded,
+    ProcessStarted,
+    Progress,
+    Resumed,
+    TrainingBegan,
+    Warned,
+)
 from jbench.wording import counted
 
 if TYPE_CHECKING:
@@ -32,52 +44,66 @@ class TrainingView(Meters):
 
     def show(self, event: Event) -> None:
         """Shows an event of a sweep that is no sentence."""
-        steps = sum(run.last_step for run in event.runs)
-        if event.kind == "progress":
-            if event.text not in self._making:
-                task = self.add_task(event.text, total=event.total, unit=event.unit)
-                self._making[event.text] = task
-            self.show_done(self._making[event.text], event.steps)
-        elif event.kind == "training":
-            for task in self._making.values():
-                self.remove_task(task)
-            self._runs = {run.id: run for run in event.runs}
-            self._ended = set[str]()
-            self._done = dict.fromkeys(self._runs, 0)
-            count = self._count_ended()
-            self._all = self.add_task(count, total=steps, unit="steps", warming_up=True)
-        elif event.kind == "started":
-            process = _Process(event.runs)
-            process.task = self.add_task(process.name, total=steps, unit="steps", warming_up=True)
-            for run in event.runs:
-                self._processes[run.id] = process
-        elif event.kind == "ended":
-            self.print_lines()
-            self.remove_task(self._processes[event.runs[0].id].task)
-            for run in event.runs:
-                del self._processes[run.id]
-        else:
-            self._update(event)
+        match event:
+            case Progress():
+                self._show_progress(event)
+            case TrainingBegan():
+                self._begin(event.runs)
+            case ProcessStarted():
+                process = _Process(event.runs)
+                steps = _steps(event.runs)
+                process.task = self.add_task(
+                    process.name, total=steps, unit="steps", warming_up=True
+                )
+                for run in event.runs:
+                    self._processes[run.id] = process
+            case ProcessEnded():
+                self.print_lines()
+                self.remove_task(self._processes[event.runs[0].id].task)
+                for run in event.runs:
+                    del self._processes[run.id]
+            case Note() | Warned():
+                raise ValueError("a sentence is not shown here")
+            case _:
+                self._update(event)
+
+    def _show_progress(self, event: Progress) -> None:
+        """Draws the progress of some work before the training, in a line of its own."""
+        if event.work not in self._making:
+            task = self.add_task(event.work, total=event.total, unit=event.unit)
+            self._making[event.work] = task
+        self.show_done(self._making[event.work], event.done)
+
+    def _begin(self, runs: Sequence[RunSettings]) -> None:
+        """Draws a line of all runs in place of the work before."""
+        for task in self._making.values():
+            self.remove_task(task)
+        self._runs = {run.id: run for run in runs}
+        self._ended = set[str]()
+        self._done = dict.fromkeys(self._runs, 0)
+        count = self._count_ended()
+        self._all = self.add_task(count, total=_steps(runs), unit="steps", warming_up=True)
 
     def _count_ended(self) -> str:
         """Returns how many runs have ended, in words."""
         return f"{len(self._ended)} of {counted(len(self._runs), 'run')} ended"
 
-    def _update(self, event: Event) -> None:
+    def _update(self, event: Resumed | EpisodeEnded | LastEvent) -> None:
         """Draws what an event tells of one run."""
         run = self._runs[event.run]
         process = self._processes.get(event.run)
-        if event.is_last:
+        if isinstance(event, LastEvent):
             self._ended.add(run.id)
-        if event.kind != "failed":
-            steps = run.last_step if event.kind == "finished" else event.steps
-            self._done[run.id] = min(steps, run.last_step)
-        if event.kind == "resumed":  # the speed is measured from here
+        if isinstance(event, Finished):
+            self._done[run.id] = run.last_step
+        elif isinstance(event, Resumed | EpisodeEnded):
+            self._done[run.id] = min(event.steps, run.last_step)
+        if isinstance(event, Resumed):  # the speed is measured from here
             self.reset(self._all)
 
         self.update(self._all, completed=sum(self._done.values()), description=self._count_ended())
         if process is not None:
-            if event.kind == "resumed":
+            if isinstance(event, Resumed):
                 self.reset(process.task)
             done = sum(self._done[other.id] for other in process.runs)
             if process.warming_up and done >= process.warm_up:
@@ -86,12 +112,17 @@ class TrainingView(Meters):
                 self.reset(self._all)
                 self.update(self._all, completed=sum(self._done.values()), warming_up=False)
 
-            if event.kind == "episode":
+            if isinstance(event, EpisodeEnded):
                 process.returns[run.id] = event.episode_return
                 process.curve.append(event.episode_return)
             self.show_done(
                 process.task, done, returns=process.learned(done), warming_up=process.warming_up
             )
+
+
+def _steps(runs: Sequence[RunSettings]) -> int:
+    """Returns the control steps of all runs."""
+    return sum(run.last_step for run in runs)
 
 
 class _Process:

@@ -32,7 +32,7 @@ from jbench.studies.file import named
 from jbench.studies.matrix import Matrix, Parts
 from jbench.tasks.find import dataset_robot, find_task
 from jbench.training.code import plan_runs
-from jbench.training.events import Event, Report
+from jbench.training.events import Note, Progress, Report, Warned
 from jbench.training.request import make_runs, read_representation
 from jbench.training.status import with_kept_evaluations
 
@@ -188,7 +188,7 @@ def prepare(cells: Sequence[Cell], results: Results, device: str, report: Report
         wanted = sorted((encoder for encoder in encoders if encoder.id in needed), key=data)
         try:
             if wanted and not is_finished(results, "dataset", dataset.id):
-                begun = Event("progress", text="collect", total=dataset.steps, unit="control steps")
+                begun = Progress("collect", 0, dataset.steps, "control steps")
                 _make(partial(collect, dataset, results, cores()), begun, report)
         except (RequestError, WorkError) as error:
             reason = f"its dataset can't be collected: {error}"
@@ -198,12 +198,8 @@ def prepare(cells: Sequence[Cell], results: Results, device: str, report: Report
         for (task, seed, scale), sharing in groupby(wanted, data):
             states = States(find_dataset(results, dataset.id), task, seed, scale=scale)  # read once
             for encoder in sharing:
-                begun = Event(
-                    "progress",
-                    text=f"{encoder.representation} {task}",
-                    total=encoder.options.get("epochs", 1),
-                    unit="epochs",
-                )
+                work = f"{encoder.representation} {task}"
+                begun = Progress(work, 0, encoder.options.get("epochs", 1), "epochs")
                 train = partial(train_encoder, encoder, states, results, device=train_on)
                 try:
                     _make(train, begun, report)
@@ -211,19 +207,19 @@ def prepare(cells: Sequence[Cell], results: Results, device: str, report: Report
                     failures[encoder.id] = f"its encoder can't be trained: {error}"
 
     for encoder_id, reason in failures.items():
-        report(Event("warning", text=f"the runs on {encoder_id} are left out: {reason}"))
+        report(Warned(f"the runs on {encoder_id} are left out: {reason}"))
 
     return {run.id: failures[run.encoder] for run in runs if run.encoder in failures}
 
 
-def _make(make: Callable[..., object], begun: Event, report: Report) -> None:
+def _make(make: Callable[..., object], begun: Progress, report: Report) -> None:
     """Makes a record and reports its progress; waits while another process is making it."""
     report(begun)
     for look in count():
         try:
-            make(lambda done: report(begun._replace(steps=done)))
+            make(lambda done: report(replace(begun, done=done)))
             return
         except HeldError as error:
             if look == 0:
-                report(Event("note", text=f"{error.reason}; waiting for it."))
+                report(Note(f"{error.reason}; waiting for it."))
             time.sleep(POLL_SECONDS)

@@ -25,7 +25,15 @@ from jbench.settings.run import RunSettings
 from jbench.store import Results, locks, schema
 from jbench.store.follow import POLL_SECONDS
 from jbench.sweeps.cell import is_finished
-from jbench.training.events import Event
+from jbench.training.events import (
+    EpisodeEnded,
+    Failed,
+    Finished,
+    LastEvent,
+    WorkerEvent,
+    from_json,
+    to_json,
+)
 
 
 class Local:
@@ -42,7 +50,7 @@ class Local:
         self._processes: set[subprocess.Popen[str]] = set()
         self._stopped = False
 
-    def train(self, runs: Sequence[RunSettings]) -> Iterator[Event]:
+    def train(self, runs: Sequence[RunSettings]) -> Iterator[WorkerEvent]:
         """Yields the events of runs in a process; if it dies, some runs have no last event."""
         process = _start()
         assert process.stdin is not None
@@ -57,7 +65,7 @@ class Local:
                 process.stdin.flush()
             for line in process.stdout:
                 if line.endswith("\n"):  # else the worker was killed while it wrote
-                    yield Event(**json.loads(line))
+                    yield from_json(json.loads(line))
             process.wait()
         finally:
             process.kill()
@@ -127,7 +135,7 @@ class Ray:
         node = {"num_cpus": 1, "max_retries": -1, "scheduling_strategy": "SPREAD"}
         self._task = self._ray.remote(num_gpus=gpus_per_task, **node)(train_batch)
 
-    def train(self, runs: Sequence[RunSettings]) -> Iterator[Event]:
+    def train(self, runs: Sequence[RunSettings]) -> Iterator[WorkerEvent]:
         """Trains runs in a task; see `Local`. Their progress is read from the results."""
         with locks.share(self._results.path):
             task = self._task.remote(self._worker.request(runs))
@@ -167,7 +175,7 @@ class Ray:
                 "--address HOST:6379 of a cluster started with ray start --head."
             ) from None
 
-    def _progress(self, runs: Sequence[RunSettings]) -> Iterator[Event]:
+    def _progress(self, runs: Sequence[RunSettings]) -> Iterator[EpisodeEnded]:
         """Yields the last episode of each run that was committed since it was looked at."""
         for run in runs:
             with contextlib.suppress(WorkError):
@@ -177,28 +185,25 @@ class Ray:
                 self._seen[run.id] = record.manifest.updated
                 for part in record.parts("episodes")[-1:]:
                     last = record.read_part(part, schema.EPISODES).to_pylist()[-1]
-                    yield Event(
-                        "episode",
-                        run.id,
-                        steps=last["control_steps"],
-                        episode_return=last["episode_return"],
-                    )
+                    yield EpisodeEnded(run.id, last["control_steps"], last["episode_return"])
 
-    def _outcome(self, runs: Sequence[RunSettings], task: Any) -> Iterator[Event]:
+    def _outcome(self, runs: Sequence[RunSettings], task: Any) -> Iterator[LastEvent]:
         """Yields the last events of a task; none if the task was lost."""
         try:
-            ended = [Event(**content) for content in json.loads(self._ray.get(task))]
+            ended = [from_json(values) for values in json.loads(self._ray.get(task))]
         except self._ray.exceptions.RayTaskError as error:
             reason = (str(error.cause).splitlines() or [""])[0]
-            ended = [Event("failed", run.id, f"its task failed: {reason}") for run in runs]
+            ended = [Failed(run.id, f"its task failed: {reason}") for run in runs]
         except self._ray.exceptions.RayError:
             return
 
         where = f"it is finished where it ran, but not in {self._results.path} here"
         for event in ended:
-            arrived = event.kind != "finished" or self._arrives(event.run)
-            reason = f"{where}; all nodes must share that directory"
-            yield event if arrived else Event("failed", event.run, reason)
+            assert isinstance(event, LastEvent)
+            if isinstance(event, Finished) and not self._arrives(event.run):
+                yield Failed(event.run, f"{where}; all nodes must share that directory")
+            else:
+                yield event
 
     def _arrives(self, run: str) -> bool:
         """Waits 90 s at most for a run, as a network file system may show it late."""
@@ -221,13 +226,13 @@ def train_batch(request: str) -> str:
             f"on the node {platform.node()}, {path} is not the sweep's, or its locks are not seen "
             "there: all nodes must share it, with flock (docs/cluster.md)"
         )
-        ended = [Event("failed", run.id, reason) for run in runs]
+        ended: list[WorkerEvent] = [Failed(run.id, reason) for run in runs]
     else:
         sys.argv = content["command"]  # which records contain
         events = Local(Results(path), 1, **content["options"]).train(runs)
-        ended = [event for event in events if event.is_last]
+        ended = [event for event in events if isinstance(event, LastEvent)]
 
-    return f"[{', '.join(event.to_json() for event in ended)}]"
+    return json.dumps([to_json(event) for event in ended])
 
 
 def default_jobs(device: str) -> int:

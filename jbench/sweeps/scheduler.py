@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
@@ -27,7 +27,21 @@ from jbench.sweeps.cell import Cell, all_runs, prepare, with_runs
 from jbench.sweeps.cell_status import cell_statuses, forecast, memory_sentence
 from jbench.sweeps.executors import Local, Ray
 from jbench.tasks.find import checked_task
-from jbench.training.events import Event, Report, ignore
+from jbench.training.events import (
+    Event,
+    Failed,
+    Finished,
+    Held,
+    LastEvent,
+    Note,
+    ProcessEnded,
+    ProcessStarted,
+    Report,
+    Resumed,
+    TrainingBegan,
+    Warned,
+    ignore,
+)
 from jbench.training.status import (
     failures_among,
     new_beginnings,
@@ -88,7 +102,7 @@ def sweep(
     cells = with_runs(cells, waiting)
     new = [run for run in all_runs(cells) if statuses[run.id].state == "missing"]
     for sentence in (*notes, *sentences(statuses, retry_failed), *new_beginnings(new, results)):
-        report(Event("note", text=sentence))
+        report(Note(sentence))
 
     if not cells:
         return {}
@@ -105,9 +119,10 @@ def sweep(
         if runs := all_runs(cells):
             if isinstance(executor, Local):
                 for sentence in forecasts(cells, results, executor.jobs, executor.device):
-                    report(Event("note", text=sentence))
-            report(Event("training", runs=runs))
-            scheduler = _Scheduler(results, executor, pool, report, failures_among(statuses), wait)
+                    report(Note(sentence))
+            report(TrainingBegan(runs))
+            retry = failures_among(statuses)
+            scheduler = _Scheduler(results, executor, pool, report, retry=retry, wait=wait)
             failures |= scheduler.train(runs)
 
         return failures
@@ -145,116 +160,135 @@ def forecasts(cells: Sequence[Cell], results: Results, jobs: int, device: str) -
     yield from filter(None, (memory, forecast(statuses, jobs)))
 
 
-@dataclass
+@dataclass(frozen=True)
+class _Elsewhere:
+    """Runs of a batch that another process is training."""
+
+    runs: Sequence[RunSettings]
+
+
 class _Scheduler:
     """Trains batches of runs, each in a thread, which sends events; one thread decides."""
 
-    results: Results
-    executor: Executor
-    pool: ThreadPoolExecutor
-    report: Report
-    retry: Collection[str]
-    wait: bool
-    futures: set[_Future] = field(default_factory=set)
-    deaths: Counter[str] = field(default_factory=Counter)  # of the processes of a run, by its id
-    events: queue.SimpleQueue[Event | _Future] = field(default_factory=queue.SimpleQueue)
-    elsewhere: set[str] = field(default_factory=set)
-    failures: dict[str, str] = field(default_factory=dict)
-    tracebacks: set[str] = field(default_factory=lambda: {""})  # those that were shown
+    def __init__(
+        self,
+        results: Results,
+        executor: Executor,
+        pool: ThreadPoolExecutor,
+        report: Report,
+        *,
+        retry: Collection[str],
+        wait: bool,
+    ) -> None:
+        """Trains nothing yet; `retry` are ids of failed runs to try again."""
+        self._results = results
+        self._executor = executor
+        self._pool = pool
+        self._report = report
+        self._retry = retry
+        self._wait = wait
+        self._futures: set[_Future] = set()
+        self._deaths: Counter[str] = Counter()  # of the processes of a run, by its id
+        self._events: queue.SimpleQueue[Event | _Elsewhere | _Future] = queue.SimpleQueue()
+        self._elsewhere: set[str] = set()
+        self._failures: dict[str, str] = {}
+        self._tracebacks = {""}  # those that were shown
 
     def train(self, runs: Sequence[RunSettings]) -> dict[str, str]:
         """Trains runs; returns a sentence for each that failed, by run id."""
-        self._submit(batches(runs, self.executor.jobs, self.executor.device))
-        while self.futures:
+        self._submit(batches(runs, self._executor.jobs, self._executor.device))
+        while self._futures:
             with suppress(queue.Empty):  # on Windows, Ctrl-C is seen only between two calls
-                self._handle(self.events.get(timeout=POLL_SECONDS))
-        return self.failures
+                self._handle(self._events.get(timeout=POLL_SECONDS))
+        return self._failures
 
     def _submit(self, groups: Iterable[Sequence[RunSettings]]) -> None:
         """Starts a worker for each batch, as soon as one is free."""
         for batch in groups:
-            future = self.pool.submit(self._train_batch, batch)
-            self.futures.add(future)
-            future.add_done_callback(self.events.put)
+            future = self._pool.submit(self._train_batch, batch)
+            self._futures.add(future)
+            future.add_done_callback(self._events.put)
 
     def _train_batch(self, batch: Sequence[RunSettings]) -> list[RunSettings]:
         """Trains runs that need it, in a thread; returns those whose process died."""
         left: dict[str, RunSettings] = {}
         held: list[RunSettings] = []
         for run in batch:
-            status = run_status(run, self.results)
-            if status.state == "failed" and run.id not in self.retry:
-                self.events.put(Event("failed", run.id, status.error))
+            status = run_status(run, self._results)
+            if status.state == "failed" and run.id not in self._retry:
+                self._events.put(Failed(run.id, status.error))
             elif status.state == "finished":
-                self.events.put(Event("finished", run.id))
-            elif locks.is_held(self.results.folder("run", run.id).path):
+                self._events.put(Finished(run.id))
+            elif locks.is_held(self._results.folder("run", run.id).path):
                 held.append(run)
             else:
                 left[run.id] = run
 
         if held:
-            if self.elsewhere.issuperset(run.id for run in held):
+            if self._elsewhere.issuperset(run.id for run in held):
                 time.sleep(POLL_SECONDS)  # another look at them
-            self.events.put(Event("held", runs=held))
+            self._events.put(_Elsewhere(held))
 
         if left:
             runs = list(left.values())
-            self.events.put(Event("started", runs=runs))
-            for event in self.executor.train(runs):
-                run = left.pop(event.run) if event.is_last else left[event.run]
-                self.events.put(Event("held", runs=[run]) if event.kind == "held" else event)
-            self.events.put(Event("ended", runs=runs))
+            self._events.put(ProcessStarted(runs))
+            for event in self._executor.train(runs):
+                if isinstance(event, Held):
+                    self._events.put(_Elsewhere([left.pop(event.run)]))
+                    continue
+                if isinstance(event, LastEvent):
+                    del left[event.run]
+                self._events.put(event)
+            self._events.put(ProcessEnded(runs))
 
         return list(left.values())
 
-    def _handle(self, event: Event | _Future) -> None:
+    def _handle(self, event: Event | _Elsewhere | _Future) -> None:
         """Reports an event; tries runs of a dead worker again, and leaves those held elsewhere."""
         if isinstance(event, Future):
-            self.futures.remove(event)
+            self._futures.remove(event)
             if died := event.result():
                 self._try_again(died)
-        elif event.kind == "held":
+        elif isinstance(event, _Elsewhere):
             self._leave(event.runs)
         else:
-            self.report(event)
-            if event.kind == "resumed":
-                self.report(Event("note", text=event.resume_sentence))
-            elif event.kind == "failed":
-                self.failures[event.run] = event.text
+            self._report(event)
+            if isinstance(event, Resumed):
+                self._report(Note(event.sentence))
+            elif isinstance(event, Failed):
+                self._failures[event.run] = event.reason
                 # Runs often fail for the same reason, whose traceback is shown once.
-                details = "" if event.traceback in self.tracebacks else f"\n{event.traceback}"
-                self.tracebacks.add(event.traceback)
-                sentence = f"the run {event.run} failed: {event.text}{details}"
-                self.report(Event("warning", text=sentence))
+                details = "" if event.traceback in self._tracebacks else f"\n{event.traceback}"
+                self._tracebacks.add(event.traceback)
+                self._report(Warned(f"the run {event.run} failed: {event.reason}{details}"))
 
     def _try_again(self, runs: Sequence[RunSettings]) -> None:
         """Trains runs again whose process died, unless that happened too often."""
-        self.deaths.update(run.id for run in runs)
-        deaths = max(self.deaths[run.id] for run in runs)
+        self._deaths.update(run.id for run in runs)
+        deaths = max(self._deaths[run.id] for run in runs)
         if deaths < _MAX_DEATHS:
             # At last each is alone, so that a run that kills its process fails no other run.
             alone = len(runs) > 1 and deaths == _MAX_DEATHS - 1
             self._submit([[run] for run in runs] if alone else [runs])
             how = "each is tried again in a process of its own" if alone else "they are tried again"
-            self.report(Event("note", text=f"The process of {_named(runs)} died; {how}."))
+            self._report(Note(f"The process of {_named(runs)} died; {how}."))
             return
 
         reason = f"its process died without a message, {deaths} times"
         for run in runs:
-            record_failure(run, self.results, reason)
-            self._handle(Event("failed", run.id, reason))
+            record_failure(run, self._results, reason)
+            self._handle(Failed(run.id, reason))
 
     def _leave(self, runs: Sequence[RunSettings]) -> None:
         """Leaves runs to the process that is training them, and looks at them again at the end."""
-        new = [run for run in runs if run.id not in self.elsewhere]
+        new = [run for run in runs if run.id not in self._elsewhere]
         if new:
-            then = "waited for at the end" if self.wait else "left out here"
+            then = "waited for at the end" if self._wait else "left out here"
             verb = "it is" if len(new) == 1 else "they are"
-            sentence = f"Another process is training {_named(new)}; {verb} {then}."
-            self.report(Event("note", text=sentence))
-            self.elsewhere.update(run.id for run in new)
+            self._report(Note(f"Another process is training {_named(new)}; {verb} {then}."))
+            self._elsewhere.update(run.id for run in new)
 
-        if self.wait:
+        if self._wait:
             self._submit([runs])
 
 

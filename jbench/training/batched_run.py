@@ -20,7 +20,7 @@ from jbench.tasks.find import episode_provenance
 from jbench.training.checkpoints import copied, load
 from jbench.training.code import check_run_code, run_code
 from jbench.training.evaluation import load_run_encoder
-from jbench.training.events import Event, Report, ignore
+from jbench.training.events import Report, Resumed, ignore
 from jbench.training.group import Member, TrainingGroup
 from jbench.training.log import RunLog
 from jbench.training.recomputed import RecomputedRows, noted
@@ -161,12 +161,12 @@ def _begin(
                 f"Since it began, {describe_changes(changed)}: results may differ from those of "
                 "an uninterrupted run."
             )
-        report(Event("resumed", run.id, " ".join(refused), steps, continues=continues))
+        report(Resumed(run.id, steps, continues, " ".join(refused)))
         return Member(run, encoder, resumed, log, checkpoint._replace(compact=None), steps)
     if record is not None or refused:
         if reason := obstacle(run, finished=False):
             refused.append(f"{reason[0].upper()}{reason[1:]}, so its runs can't be resumed.")
         continues = shorter[0].id if shorter and record is None else ""
-        report(Event("resumed", run.id, " ".join(refused), continues=continues))
+        report(Resumed(run.id, 0, continues, " ".join(refused)))
     record = results.create("run", run.id, run.values, made_on)
     return Member(run, encoder, record, RunLog(record))

@@ -1,64 +1,151 @@
-"""What happens while runs are trained: the one message of workers, sweeps and their displays."""
+"""What happens while runs are trained: the messages of workers and sweeps to their displays.
 
-import json
-from collections.abc import Callable, Sequence
-from typing import Literal, NamedTuple
+A worker sends its own as lines of JSON; a sweep passes them on, and adds others.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, get_args
 
 from jbench.settings.run import RunSettings
 
 
-class Event(NamedTuple):
-    """Something that happens; fields that a kind does not mention are empty."""
+@dataclass(frozen=True)
+class Resumed:
+    """A run does not simply begin.
 
-    kind: Literal[
-        # Of a worker, on the run with an id, which does not simply begin: it resumes from its
-        # checkpoint at `steps` control steps (0 without one), or from that of the finished run
-        # `continues`; `text` has what else there is to say.
-        "resumed",
-        "episode",  # a training episode with `episode_return` ended after `steps` control steps
-        "finished",  # it and the next two are the last event of a run
-        "failed",  # `text` is the reason, and `traceback` is empty if it says all
-        "held",  # another process is training it; of a sweep, `runs` whose process is another one
-        "note",  # `text` is a sentence for the user, of a worker if there is a run
-        "warning",  # of a sweep, as all that follow: `text` is a sentence for the user
-        "progress",  # `steps` of `total` are done of the work that `text` names, in `unit`
-        "training",  # of `runs` begins
-        "started",  # a process that trains `runs`
-        "ended",
-    ]
-    run: str = ""
-    text: str = ""
+    Attributes:
+        run: its id, as in all events of a run.
+        steps: control steps of the checkpoint from which it resumes; 0 without one.
+        continues: id of the finished run whose checkpoint it is; empty if it is the run's own.
+        text: what else there is to say.
+    """
+
+    run: str
     steps: int = 0
-    episode_return: float = 0.0
     continues: str = ""
-    traceback: str = ""
-    total: int = 0
-    unit: str = ""
-    runs: Sequence[RunSettings] = ()
+    text: str = ""
 
     @property
-    def is_last(self) -> bool:
-        """Whether a worker reports nothing more on the run."""
-        return self.kind in ("finished", "failed", "held")
-
-    @property
-    def resume_sentence(self) -> str:
-        """The sentence that says at which control step a resumed run continues."""
-        at, other = self.steps, self.continues
-        if not other:
+    def sentence(self) -> str:
+        """The sentence that says at which control step the run continues."""
+        at = self.steps
+        if not self.continues:
             how = "was interrupted or failed; it " + ("resumes at" if at else "starts again from")
+        elif at:
+            how = f"continues {self.continues} from"
         else:
-            how = f"continues {other} from" if at else f"can't continue {other}; it trains from"
+            how = f"can't continue {self.continues}; it trains from"
         where = f"control step {at:,}" if at else "the beginning"
         return f"The run {self.run} {how} {where}. {self.text}".rstrip()
 
-    def to_json(self) -> str:
-        """Returns the event of a worker as one line of JSON."""
-        return json.dumps({name: value for name, value in self._asdict().items() if value})
 
+@dataclass(frozen=True)
+class EpisodeEnded:
+    """A training episode ended, after `steps` control steps of its run."""
+
+    run: str
+    steps: int
+    episode_return: float
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A run is finished, which is the last event of a worker on it."""
+
+    run: str
+
+
+@dataclass(frozen=True)
+class Failed:
+    """A run failed, which is the last event of a worker on it.
+
+    Attributes:
+        reason: a sentence without a period.
+        traceback: empty if the reason says all.
+    """
+
+    run: str
+    reason: str
+    traceback: str = ""
+
+
+@dataclass(frozen=True)
+class Held:
+    """Another process is training a run, which is the last event of a worker on it."""
+
+    run: str
+
+
+@dataclass(frozen=True)
+class Note:
+    """A sentence for the user, of a worker if it names a run."""
+
+    text: str
+    run: str = ""
+
+
+LastEvent = Finished | Failed | Held
+WorkerEvent = Resumed | EpisodeEnded | LastEvent | Note
+
+
+@dataclass(frozen=True)
+class Warned:
+    """A sentence of a sweep for the user, on something that is wrong."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Progress:
+    """A part of some work is done before the training, `done` of `total` in a unit."""
+
+    work: str
+    done: int
+    total: int
+    unit: str
+
+
+@dataclass(frozen=True)
+class TrainingBegan:
+    """The training of runs begins."""
+
+    runs: Sequence[RunSettings]
+
+
+@dataclass(frozen=True)
+class ProcessStarted:
+    """A process that trains runs has started."""
+
+    runs: Sequence[RunSettings]
+
+
+@dataclass(frozen=True)
+class ProcessEnded:
+    """A process that trained runs has ended."""
+
+    runs: Sequence[RunSettings]
+
+
+Event = WorkerEvent | Warned | Progress | TrainingBegan | ProcessStarted | ProcessEnded
 
 Report = Callable[[Event], object]
 
 
 def ignore(event: Event) -> None:
     """Reports nothing."""
+
+
+_BY_NAME = {kind.__name__: kind for kind in get_args(WorkerEvent)}
+
+
+def to_json(event: WorkerEvent) -> dict[str, Any]:
+    """Returns the event of a worker as JSON values."""
+    return {"event": type(event).__name__, **asdict(event)}
+
+
+def from_json(values: Mapping[str, Any]) -> WorkerEvent:
+    """Returns the event from the values of `to_json`."""
+    fields = dict(values)
+    event: WorkerEvent = _BY_NAME[fields.pop("event")](**fields)
+    return event

@@ -21,7 +21,7 @@ from jbench.training import evaluation
 from jbench.training.checkpoints import Checkpoint, compact_files, newest, read_replay, save
 from jbench.training.compact import reason_for_whole_state
 from jbench.training.engines import make_trainer
-from jbench.training.events import Event, Report
+from jbench.training.events import EpisodeEnded, Note, Report, Resumed
 from jbench.training.log import Clock, RunLog
 from jbench.wording import counted
 
@@ -136,8 +136,7 @@ class TrainingGroup:
                     f"{counted(count, 'episode')} did not repeat from the seed and the actions so "
                     f"far: truncated at control step {steps:,}, where it was saved."
                 )
-                run = member.settings.id
-                self._report(Event("resumed", run, sentence, steps))
+                self._report(Resumed(member.settings.id, steps, text=sentence))
 
     def _note_episodes(self, ends: Ends) -> None:
         """Records the episodes that have just ended."""
@@ -155,8 +154,7 @@ class TrainingGroup:
             lengths = ends.lengths[index, ended].tolist()
             for episode_return, length in zip(returns.tolist(), lengths, strict=True):
                 member.log.episode(steps, episode_return, losses, length)
-                run = member.settings.id
-                self._report(Event("episode", run, steps=steps, episode_return=episode_return))
+                self._report(EpisodeEnded(member.settings.id, steps, episode_return))
 
     def _evaluate(self) -> None:
         with part("evaluation"):
@@ -237,7 +235,7 @@ class TrainingGroup:
             sentence = (
                 f"The state of {member.settings.id} is kept with its replay buffer: {reason}."
             )
-            self._report(Event("note", member.settings.id, sentence))
+            self._report(Note(sentence, member.settings.id))
             return {}
         return compact_files(checkpoint, member.record, replay, index)
 

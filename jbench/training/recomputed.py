@@ -17,7 +17,7 @@ from jbench.training.compact import (
     computed_again,
     other_rows,
 )
-from jbench.training.events import Event, Report
+from jbench.training.events import Note, Report
 from jbench.training.status import kept_runs
 from jbench.wording import counted
 
@@ -78,7 +78,7 @@ class RecomputedRows:
             f"The replay buffers of {counted(len(kept), 'run')} are computed again from "
             f"{steps:,} actions each."
         )
-        self._report(Event("note", run.id, sentence))
+        self._report(Note(sentence, run.id))
         runs = [read_run(each.record.settings) for each in kept]
         sources = [each for each in runs if isinstance(each, RunSettings)]
         rows = computed_again(

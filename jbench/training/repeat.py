@@ -3,6 +3,7 @@
 import math
 import tempfile
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -24,6 +25,7 @@ from jbench.training.batched_run import run_batch
 from jbench.training.code import run_code
 from jbench.training.engines import acting_as_evaluated
 from jbench.training.evaluation import derive_seeds, evaluate_policies
+from jbench.training.events import EpisodeEnded, Event
 from jbench.training.log import POLICY_EVALUATION
 
 RepeatVerdict = Literal["equal", "different", "no policy", "not comparable"]
@@ -109,6 +111,12 @@ def reevaluate(results: Results, record: Record, accept_changed: bool = False) -
     return repeated
 
 
+def _show_episode(progress: Callable[[int], None], event: Event) -> None:
+    """Passes on the control step at which an episode ended."""
+    if isinstance(event, EpisodeEnded):
+        progress(event.steps)
+
+
 def retrain(
     results: Results,
     record: Record,
@@ -148,7 +156,7 @@ def retrain(
             device=_device(record),
             until=until if until < settings.steps else None,
             final_episodes=evaluations.count(max(evaluations)) if evaluations else None,
-            report=lambda event: progress(event.steps),
+            report=partial(_show_episode, progress),
         )
         for failure in failures.values():
             raise failure

@@ -1,7 +1,7 @@
 """Trains runs in a separate process, which ends when its parent does.
 
 `python -m jbench.training.worker` reads a request (one line of JSON, see `Local.request`) from
-standard input, and writes each `Event` of a run as a line of JSON to standard output.
+standard input, and writes each `WorkerEvent` as a line of JSON to standard output.
 multiprocessing is not used because it pickles. The process exits when its standard input is closed.
 """
 
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from jbench.settings.run import RunSettings
     from jbench.store import Results
-    from jbench.training.events import Event
+    from jbench.training.events import Event, LastEvent
 
 
 def main() -> int:
@@ -35,6 +35,7 @@ def main() -> int:
     from jbench.settings.run import RunSettings
     from jbench.store import Results
     from jbench.training.batched_run import run_batch
+    from jbench.training.events import WorkerEvent, to_json
 
     torch.set_num_threads(1)
     request = json.loads(line)
@@ -44,7 +45,8 @@ def main() -> int:
     results = Results(Path(request["results"]))
 
     def send(event: "Event") -> None:
-        events.write(event.to_json() + "\n")
+        assert isinstance(event, WorkerEvent)
+        events.write(json.dumps(to_json(event)) + "\n")
 
     try:
         failures = run_batch(runs, results, report=send, **request["options"])
@@ -55,27 +57,27 @@ def main() -> int:
     return 1 if failures else 0
 
 
-def _ended(run: "RunSettings", results: "Results", failure: Exception | None) -> "Event":
+def _ended(run: "RunSettings", results: "Results", failure: Exception | None) -> "LastEvent":
     """Returns the last event of a run; records a failure that is not recorded yet."""
     from jbench.errors import RequestError, WorkError, sentence_of_failure
     from jbench.store.code import ChangedCodeError
     from jbench.store.locks import HeldError
     from jbench.training.compact import OtherRowsError
-    from jbench.training.events import Event
+    from jbench.training.events import Failed, Finished, Held
     from jbench.training.status import record_failure, run_status
 
     # An error that ends the batch may occur after some of its runs were finished.
     if failure is None or run_status(run, results).state == "finished":
-        return Event("finished", run.id)
+        return Finished(run.id)
     if isinstance(failure, HeldError):
-        return Event("held", run.id)
+        return Held(run.id)
     reason = sentence_of_failure(failure)
     if not isinstance(failure, ChangedCodeError | OtherRowsError):  # the run itself has not failed
         record_failure(run, results, reason)
     # A sentence of jbench needs no traceback, but that of its cause.
     error = failure.__cause__ if isinstance(failure, RequestError | WorkError) else failure
     lines = [] if error is None else traceback.format_exception(error)
-    return Event("failed", run.id, reason, traceback="".join(lines).rstrip())
+    return Failed(run.id, reason, "".join(lines).rstrip())
 
 
 def _end_with_parent() -> None:

@@ -15,6 +15,7 @@ from pathlib import Path
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.training import batched_run, engines
+from jbench.training.events import EpisodeEnded
 from tests.training.small_runs import shorten_episodes
 
 
@@ -25,7 +26,7 @@ def stack_seeds(set_attribute=setattr):
 
 def main(path, run, device, after, stacked=True):
     def kill(event):
-        if event.kind == "episode" and event.steps > after:
+        if isinstance(event, EpisodeEnded) and event.steps > after:
             os.kill(os.getpid(), signal.SIGKILL)
 
     shorten_episodes()

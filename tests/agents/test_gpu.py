@@ -19,6 +19,7 @@ from jbench.agents.batched.off_policy import OffPolicyEngine
 from jbench.settings.algorithms import ALGORITHMS
 from jbench.store import Results
 from jbench.training import batched_run
+from jbench.training.events import EpisodeEnded
 from tests.agents.killed_run import stack_seeds
 from tests.agents.test_batched_engine import (
     CHEETAH,
@@ -206,7 +207,7 @@ def test_run_resumes_on_other_device_and_back(device, tmp_path, monkeypatch):
     def train(device, until):
         def stop(event):
             events.append(event)
-            if event.kind == "episode" and event.steps > until:
+            if isinstance(event, EpisodeEnded) and event.steps > until:
                 raise KeyboardInterrupt
 
         options = {"device": device, "checkpoint_every": 0, "report": stop}

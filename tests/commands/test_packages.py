@@ -14,6 +14,7 @@ from jbench.policies.saved import WEIGHTS, has_policy
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.training.batched_run import run_batch
+from jbench.training.events import Resumed
 from tests.command_line import SHORT, Process, jbench, succeed
 from tests.commands.distributions import install, make_importable
 from tests.training.small_runs import resumed, rows, shorten_episodes
@@ -319,7 +320,7 @@ def test_killed_run_of_rule_resumes_bit_for_bit(installed, tmp_path, monkeypatch
         results = Results(tmp_path / name)
         assert run_batch([run], results, report=events.append) == {}
         records.append(results.find("run", run.id))
-    assert [event.steps for event in events if event.kind == "resumed"] == [200]
+    assert [event.steps for event in events if isinstance(event, Resumed)] == [200]
     assert rows(records[0]) == rows(records[1])
     # 8 episodes, an evaluation of two, and the last evaluation, of as many as the training.
     assert len(rows(records[0])) == 8 + 2 + 8

@@ -8,7 +8,15 @@ from rich.console import Console
 
 from jbench.commands.progress import sparkline
 from jbench.commands.training_view import TrainingView, published_median
-from jbench.training.events import Event
+from jbench.training.events import (
+    EpisodeEnded,
+    Failed,
+    Finished,
+    ProcessEnded,
+    ProcessStarted,
+    Resumed,
+    TrainingBegan,
+)
 from tests.sweep_matrices import runs_of_matrix, write_matrix
 
 
@@ -25,16 +33,16 @@ def shown(view, width=200):
 
 
 def episode(run, steps, episode_return):
-    return Event("episode", run.id, steps=steps, episode_return=episode_return)
+    return EpisodeEnded(run.id, steps, episode_return)
 
 
 @contextmanager
 def trained(*processes):
     """A view during training; standard error is not a terminal."""
     with TrainingView() as view:
-        view.show(Event("training", runs=[run for runs in processes for run in runs]))
+        view.show(TrainingBegan([run for runs in processes for run in runs]))
         for runs in processes:
-            view.show(Event("started", runs=runs))
+            view.show(ProcessStarted(runs))
         yield view
 
 
@@ -74,9 +82,9 @@ def test_sparkline_shows_means_of_returns_between_0_and_1000():
 def test_ended_process_is_removed_and_its_runs_counted(runs, capsys):
     with trained(runs[:2], runs[2:]) as view:
         view.show(episode(runs[0], 10_000, 50.0))
-        view.show(Event("finished", runs[0].id))
-        view.show(Event("failed", runs[1].id, "no luck"))
-        view.show(Event("ended", runs=runs[:2]))
+        view.show(Finished(runs[0].id))
+        view.show(Failed(runs[1].id, "no luck"))
+        view.show(ProcessEnded(runs[:2]))
         assert not any("td3" in line for line in shown(view))
         printed = capsys.readouterr()
         assert printed.out == ""
@@ -86,7 +94,7 @@ def test_ended_process_is_removed_and_its_runs_counted(runs, capsys):
 
 def test_resumed_run_begins_at_its_checkpoint_without_a_speed(runs):
     with trained(runs[:1]) as view:
-        view.show(Event("resumed", runs[0].id, steps=6000))
+        view.show(Resumed(runs[0].id, steps=6000))
         assert "face_direction td3 full seed 0 6,000 of 10,000 steps" in shown(view)
 
 

@@ -16,7 +16,7 @@ from jbench.sweeps.cell import all_runs, matrix_cells
 from jbench.sweeps.cell_status import cell_statuses
 from jbench.sweeps.scheduler import batches, sweep
 from jbench.tasks.find import find_task
-from jbench.training.events import Event
+from jbench.training.events import Finished, Note, Warned
 from tests.command_line import SHORT, short_episodes
 from tests.sweep_matrices import runs_of_matrix, states, write_matrix
 from tests.training.test_batched_run import ENCODED, settings
@@ -36,7 +36,9 @@ events = []
 
 def keep(event):
     assert threading.current_thread() is threading.main_thread()
-    events.append([event.kind, event.text, event.steps, len(event.runs)])
+    values = vars(event)
+    about = values | {"runs": len(values.get("runs", ()))}
+    events.append((type(event).__name__, about))
 
 cells = matrix_cells(read_matrix(matrix), results)
 assert sweep(cells, results, lambda: Local(results, jobs=1), keep) == {}
@@ -60,24 +62,24 @@ def test_program_sweeps_without_command_line_and_receives_events(tmp_path):
     assert done.returncode == 0, done.stderr
     events, of_the_command_line = json.loads(done.stdout)
     assert of_the_command_line == []
-    sentences = [text for kind, text, *_ in events if kind == "note"]
+    sentences = [about["text"] for kind, about in events if kind == "Note"]
     assert "1 run, 1,000 control steps at " in sentences[-1]
-    progress = [(text, steps) for kind, text, steps, _ in events if kind == "progress"]
+    progress = [(about["work"], about["done"]) for kind, about in events if kind == "Progress"]
     assert progress[0] == ("collect", 0)
     assert progress[-1] == ("pca3 face_direction", 1)
-    rest = [(kind, steps, runs) for kind, _, steps, runs in events]
-    assert [event for event in rest if event[0] not in ("note", "progress")] == [
-        ("training", 0, 1),
-        ("started", 0, 1),
-        *(("episode", steps, 0) for steps in range(SHORT, 1001, SHORT)),
-        ("finished", 0, 0),
-        ("ended", 0, 1),
+    rest = [(kind, about.get("steps", 0), about["runs"]) for kind, about in events]
+    assert [event for event in rest if event[0] not in ("Note", "Progress")] == [
+        ("TrainingBegan", 0, 1),
+        ("ProcessStarted", 0, 1),
+        *(("EpisodeEnded", steps, 0) for steps in range(SHORT, 1001, SHORT)),
+        ("Finished", 0, 0),
+        ("ProcessEnded", 0, 1),
     ]
     assert states(runs_of_matrix(matrix, results), results) == ["finished"]
 
 
 def texts(events, kind):
-    return [event.text for event in events if event.kind == kind]
+    return [event.text for event in events if isinstance(event, kind)]
 
 
 class Gpu:
@@ -94,7 +96,7 @@ class Gpu:
 
     def train(self, runs):
         self.given.append(runs)
-        yield from [] if len(self.given) == 1 else [Event("finished", r.id) for r in runs]
+        yield from [] if len(self.given) == 1 else [Finished(r.id) for r in runs]
 
     def stop(self):
         """Does nothing."""
@@ -107,7 +109,7 @@ def test_gpu_trains_the_seeds_of_a_configuration_in_one_process(tmp_path):
     assert sweep(cells, Results(tmp_path), lambda: gpu, events.append) == {}
     assert [len(cell.runs) for cell in cells] == [2, 2, 2, 2]
     assert gpu.given == [cell.runs for cell in (*cells, cells[0])]
-    assert texts(events, "note") == [
+    assert texts(events, Note) == [
         "The process of seeds 0, 1 of td3 face_direction full died; they are tried again."
     ]
 
@@ -120,7 +122,7 @@ class Crashing(Gpu):
     def train(self, runs):
         self.given.append([run.seed for run in runs])
         dies = any(run.seed == 0 for run in runs)
-        yield from [] if dies else [Event("finished", r.id) for r in runs]
+        yield from [] if dies else [Finished(r.id) for r in runs]
 
 
 def test_run_that_kills_its_process_fails_no_other_run(tmp_path):
@@ -130,7 +132,7 @@ def test_run_that_kills_its_process_fails_no_other_run(tmp_path):
     assert failures == {cells[0].runs[0].id: "its process died without a message, 3 times"}
     assert executor.given == [[0, 1, 2], [0, 1, 2], [0], [1], [2]]
     died = "The process of seeds 0, 1, 2 of td3 face_direction full died;"
-    assert texts(events, "note") == [
+    assert texts(events, Note) == [
         f"{died} they are tried again.",
         f"{died} each is tried again in a process of its own.",
     ]
@@ -176,7 +178,7 @@ def test_runs_without_dataset_fail_and_start_no_process(tmp_path, monkeypatch):
     assert list(failures) == [run.id for run in cells[0].runs]
     for reason in failures.values():
         assert reason.startswith("its dataset can't be collected:")
-    (warning,) = texts(events, "warning")
+    (warning,) = texts(events, Warned)
     assert warning.startswith(f"the runs on {cells[0].encoders[0].id} are left out: its dataset")
 
 

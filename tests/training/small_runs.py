@@ -11,6 +11,7 @@ from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.store.merge import TIMES
 from jbench.training.batched_run import run_batch
+from jbench.training.events import Resumed
 from jbench.training.request import request_runs
 
 EPISODE = 50
@@ -73,7 +74,7 @@ def resumed(events, runs):
     return [
         (seeds[event.run], event.steps, event.text, *filter(None, [event.continues]))
         for event in events
-        if event.kind == "resumed"
+        if isinstance(event, Resumed)
     ]
 
 

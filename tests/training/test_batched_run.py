@@ -13,7 +13,7 @@ from jbench.training import batched_run, engines, evaluation
 from jbench.training.batched_run import run_batch
 from jbench.training.engines import learning_share, make_trainer, seconds_per_step
 from jbench.training.evaluation import derive_seeds, evaluate_policies
-from jbench.training.events import Event
+from jbench.training.events import EpisodeEnded
 from jbench.training.repeat import reevaluate
 from jbench.training.request import training_device
 from jbench.training.status import run_statuses
@@ -77,8 +77,7 @@ def test_rows_are_written_at_scheduled_steps(tmp_path):
         (2, 150),
     ]
     assert reported == [
-        Event("episode", run.id, steps=row["control_steps"], episode_return=row["episode_return"])
-        for row in episodes
+        EpisodeEnded(run.id, row["control_steps"], row["episode_return"]) for row in episodes
     ]
     # Learning starts at the end of the first episode.
     assert [row["critic_loss"] is None for row in episodes] == [True, False, False]
@@ -134,7 +133,7 @@ def test_error_of_a_group_fails_no_run_ahead_of_it(tmp_path):
     assert run_batch(runs[:1], results, until=2 * EPISODE) == {}
 
     def disturb(event):
-        if event.kind == "episode" and event.run == runs[1].id:
+        if isinstance(event, EpisodeEnded) and event.run == runs[1].id:
             raise ValueError("something else")
 
     with results.create("run", runs[2].id, runs[2].values).folder.lock():

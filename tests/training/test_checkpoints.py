@@ -16,6 +16,7 @@ from jbench.store import Results
 from jbench.training import checkpoints, log
 from jbench.training.batched_run import run_batch
 from jbench.training.checkpoints import load
+from jbench.training.events import EpisodeEnded
 from tests.store.test_damage import flip_a_byte
 from tests.training.small_runs import train_batch
 from tests.training.test_resume import outcome, settings
@@ -34,7 +35,7 @@ def stop_at(path, runs, steps, **more):
     """Trains runs until one of them passes the given control step."""
 
     def stop(event):
-        if event.kind == "episode" and event.steps > steps:
+        if isinstance(event, EpisodeEnded) and event.steps > steps:
             raise Stopped
 
     with pytest.raises(Stopped):

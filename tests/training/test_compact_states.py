@@ -15,6 +15,7 @@ from jbench.training import checkpoints
 from jbench.training.batched_run import run_batch
 from jbench.training.checkpoints import load
 from jbench.training.compact import OtherRowsError, reason_for_whole_state
+from jbench.training.events import Failed, Note
 from jbench.training.status import check_state_can_be_kept, run_status
 from jbench.training.worker import _ended
 from tests.encoders.encoder_data import make_dataset
@@ -149,7 +150,7 @@ def test_seeds_of_a_batch_are_computed_together(tmp_path):
     train(tmp_path / "twice", first)
     events = []
     train(tmp_path / "twice", whole, report=events.append)
-    (sentence,) = [event.text for event in events if event.kind == "note"]
+    (sentence,) = [event.text for event in events if isinstance(event, Note)]
     assert sentence == "The replay buffers of 2 runs are computed again from 120 actions each."
     train_batch(tmp_path / "once", whole, final_episodes=1)
     for run in whole:
@@ -210,7 +211,7 @@ def test_refusal_names_the_machine_that_made_a_state(tmp_path):
     error = run_batch([whole], results)[whole.id]
     assert "is not the one of the run (processor Other CPU is now " in str(error)
     assert "type the command on a machine like the one that made it (Other CPU)" in str(error)
-    assert _ended(whole, results, error).kind == "failed"
+    assert isinstance(_ended(whole, results, error), Failed)
     assert run_status(whole, results).state == "missing"
 
 
@@ -221,7 +222,7 @@ def test_state_of_a_run_that_was_resumed_elsewhere_is_kept_whole(tmp_path):
     made = {**record.manifest.provenance, "processor": "Other CPU"}
     record._update(provenance=made)
     assert run_batch([run], Results(tmp_path), keep_state="compact", report=events.append) == {}
-    (sentence,) = [event.text for event in events if event.kind == "note"]
+    (sentence,) = [event.text for event in events if isinstance(event, Note)]
     assert f"The state of {run.id} is kept with its replay buffer: it was resumed where" in sentence
     assert kept_checkpoint(tmp_path, run).compact is None
     ((_, steps, _, continues),) = train(tmp_path, [jitterbug(200)])

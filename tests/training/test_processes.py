@@ -9,7 +9,7 @@ from jbench.cli import main
 from jbench.errors import ElsewhereError
 from jbench.store import Results
 from jbench.sweeps.executors import Local
-from jbench.training.events import Event
+from jbench.training.events import Finished
 from tests.training.small_runs import small_run
 
 TD3 = {"batch_size": 8, "learning_starts": 500, "train_freq": 100, "gradient_steps": 2}
@@ -49,7 +49,7 @@ def test_request_of_many_seeds_may_exceed_argument_limit(tmp_path):
     for run in runs:
         results.create("run", run.id, run.model_dump(mode="json")).finish({})
     events = list(Local(results, 1).train(runs))
-    assert events == [Event("finished", run.id) for run in runs]
+    assert events == [Finished(run.id) for run in runs]
 
 
 @pytest.mark.slow

@@ -1,5 +1,6 @@
 """Trains runs in one engine, and commits their rows and checkpoints."""
 
+import contextlib
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +10,7 @@ import numpy as np
 from jbench.agents.engine import DivergedError
 from jbench.agents.environments import Ends
 from jbench.encoders import Encoder
-from jbench.errors import WorkError
+from jbench.errors import WorkError, sentence_of_failure
 from jbench.names import KeepState
 from jbench.policies.saved import SavedNetwork
 from jbench.settings.engines import ENGINES
@@ -47,6 +48,14 @@ class Member:
         """Whether the run has neither finished nor failed."""
         return self.failure is None and self.record.status == "unfinished"
 
+    def fail(self, error: Exception) -> None:
+        """Records an error that ended the training, as far as its record can be written."""
+        self.failure = error
+        with contextlib.suppress(WorkError):
+            self.log.commit()
+        with contextlib.suppress(WorkError):
+            self.record.fail(sentence_of_failure(error))
+
 
 class TrainingGroup:
     """Runs that are trained together, all at the same control step."""
@@ -63,11 +72,16 @@ class TrainingGroup:
         keep_state: KeepState,
     ) -> None:
         """Makes or restores the engine; `sharing` runs, also at other steps, share the process."""
-        self._members, self._sharing, self._report = members, sharing, report
-        self._clock, self._keep_state = Clock(checkpoint_every), keep_state
-        self._settings = settings = members[0].settings
-        self._final_episodes = evaluation.final_evaluation_episodes(settings, final_episodes)
-        runs, encoders = [m.settings for m in members], [m.encoder for m in members]
+        self._members = members
+        self._sharing = sharing
+        self._report = report
+        self._keep_state = keep_state
+        self._clock = Clock(checkpoint_every)
+        self._settings = members[0].settings
+        self._final_episodes = evaluation.final_evaluation_episodes(self._settings, final_episodes)
+
+        runs = [member.settings for member in members]
+        encoders = [member.encoder for member in members]
         self._engine = make_trainer(runs, encoders, device)
         if members[0].checkpoint is not None:
             self._restore()

@@ -1,0 +1,134 @@
+"""Where a run begins: at its own checkpoint, at that of a shorter run, or at control step 0."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import pyarrow as pa
+from torch import Tensor
+
+from jbench.encoders import Encoder
+from jbench.errors import WorkError
+from jbench.settings.run import RunSettings
+from jbench.store import Record, Results
+from jbench.store.code import code_of
+from jbench.store.files import UnreadableError
+from jbench.store.provenance import describe_changes, provenance
+from jbench.training.checkpoints import Checkpoint, copied, load
+from jbench.training.code import check_run_code
+from jbench.training.events import Report, Resumed
+from jbench.training.group import Member
+from jbench.training.log import RunLog
+from jbench.training.recomputed import RecomputedRows, noted
+from jbench.training.status import kept_runs, obstacle
+
+
+@dataclass(frozen=True)
+class _Source:
+    """What a run resumes from.
+
+    Attributes:
+        record: of the run whose checkpoint it is.
+        log: of that run at the checkpoint.
+        rows: of its replay buffer, if they had to be computed again.
+        copy: tables and checkpoint files for the record of another run; None if it is the run's
+            own record.
+    """
+
+    record: Record
+    log: RunLog
+    checkpoint: Checkpoint
+    rows: Tensor | None
+    copy: tuple[dict[str, pa.Table], dict[str, bytes]] | None
+
+
+class Beginnings:
+    """Makes the members of a batch, each with the record and the log of its run."""
+
+    def __init__(
+        self,
+        results: Results,
+        made_on: Mapping[str, Any],
+        recomputed: RecomputedRows,
+        report: Report,
+    ) -> None:
+        """Begins nothing yet; `made_on` is the provenance of the machine, the task and the code."""
+        self._results = results
+        self._made_on = made_on
+        self._recomputed = recomputed
+        self._report = report
+
+    def begin(self, run: RunSettings, encoder: Encoder | None, record: Record | None) -> Member:
+        """Returns a run to train; `record` is its own, which is not finished, if there is one."""
+        check_run_code(run, record, self._made_on)
+        shorter = kept_runs(run, self._results)
+        sources = shorter if record is None else [record, *shorter]
+        source, refused = self._find(run, record, sources)
+        if source is not None:
+            return self._resume(run, encoder, source, refused)
+
+        if record is not None or refused:
+            if reason := obstacle(run, finished=False):
+                refused.append(f"{reason[0].upper()}{reason[1:]}, so its runs can't be resumed.")
+            continues = shorter[0].id if shorter and record is None else ""
+            self._report(Resumed(run.id, 0, continues, " ".join(refused)))
+
+        record = self._results.create("run", run.id, run.values, self._made_on)
+        return Member(run, encoder, record, RunLog(record))
+
+    def _find(
+        self, run: RunSettings, record: Record | None, sources: Sequence[Record]
+    ) -> tuple[_Source | None, list[str]]:
+        """Returns the first source with an intact checkpoint, and sentences on those refused."""
+        refused: list[str] = []
+        for source in sources:
+            checkpoint, damaged = load(source)
+            refused += damaged
+            if checkpoint is None:
+                continue
+
+            rows = self._recomputed.take(run, source, checkpoint)
+            try:
+                log = RunLog(source, checkpoint.position)
+                copy = None if source is record else copied(checkpoint, source, run.id, rows)
+            except UnreadableError:
+                raise  # the rows may be intact: keep them
+            except WorkError as error:
+                refused.append(f"{error.reason}.")
+                continue
+            return _Source(source, log, checkpoint, rows, copy), refused
+
+        return None, refused
+
+    def _resume(
+        self, run: RunSettings, encoder: Encoder | None, source: _Source, refused: Sequence[str]
+    ) -> Member:
+        """Returns a run at the checkpoint of a source, and notes in its record that it resumes."""
+        position = source.checkpoint.position
+        where: dict[str, Any] = {"control_steps": position.control_steps}
+        record = source.record
+        log = source.log
+        continues = ""
+        if source.copy is not None:
+            continues = record.id
+            where["run"] = continues
+            # The rows were made there and then, but by another command.
+            before = {**record.manifest.provenance, "command": provenance()["command"]}
+            record = self._results.create("run", run.id, run.values, before)
+            record.append(*source.copy)
+            log = RunLog(record, position)
+
+        if run.accepted is not None:
+            where["code"] = code_of(self._made_on)
+        changed = record.resume({**where, **noted(source.rows)}, self._made_on)
+
+        sentences = list(refused)
+        if changed:
+            sentences.append(
+                f"Since it began, {describe_changes(changed)}: results may differ from those of "
+                "an uninterrupted run."
+            )
+        steps = position.control_steps
+        self._report(Resumed(run.id, steps, continues, " ".join(sentences)))
+        checkpoint = source.checkpoint._replace(compact=None)
+        return Member(run, encoder, record, log, checkpoint, steps)

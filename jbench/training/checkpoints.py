@@ -35,8 +35,10 @@ COMPACT_FORMAT = 2
 
 _MAX_PIECES = 32  # of the replay buffer
 _PIECE = re.compile(r"replay-(\d+)-(\d+)\.safetensors")
-_ENVELOPE, _ROWS = "envelope", "rows"
-_COMPACT_ACTIONS, _COMPACT_ROWS = "compact/actions", "compact/rows"
+_ENVELOPE = "envelope"
+_ROWS = "rows"
+_COMPACT_ACTIONS = "compact/actions"
+_COMPACT_ROWS = "compact/rows"
 
 
 class _Envelope(BaseModel):
@@ -93,7 +95,8 @@ def save(
     files: dict[str, bytes] = {}
     row = 0
     if (replay := trainer.replay) is not None:
-        row, oldest = replay.row, replay.oldest
+        row = replay.row
+        oldest = replay.oldest
         pieces = [] if only else _pieces(roles)
         # A piece that begins before the oldest row in the buffer stays as it is.
         too_many = len(pieces) >= _MAX_PIECES
@@ -205,13 +208,15 @@ def _read(record: Record, role: str) -> tuple[Position, SeedState, CompactReplay
         raise ValueError(f"it belongs to {envelope.run}")
     compact = None
     if envelope.compact is not None:
-        actions, rows = tensors.pop(_COMPACT_ACTIONS), tensors.pop(_COMPACT_ROWS)
+        actions = tensors.pop(_COMPACT_ACTIONS)
+        rows = tensors.pop(_COMPACT_ROWS)
         compact = CompactReplay(envelope.compact, actions, rows)
     return envelope.position, SeedState(tensors, envelope.scalars), compact
 
 
 def _state_file(checkpoint: Checkpoint, run: str) -> dict[str, bytes]:
-    position, state = checkpoint.position, checkpoint.state
+    position = checkpoint.position
+    state = checkpoint.state
     tensors = dict(state.tensors)
     about: dict[str, Any] = {"format": FORMAT}
     if (compact := checkpoint.compact) is not None:

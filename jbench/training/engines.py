@@ -26,7 +26,9 @@ from jbench.tasks.find import check_specs, find_task
 from jbench.tasks.task import Act
 from jbench.training.evaluation import derive_seeds, final_evaluation_episodes
 
-_STEPS, _UPDATES = 300, 40  # of a measurement of the speed
+# Of a measurement of the speed.
+_STEPS = 300
+_UPDATES = 40
 
 
 def make_trainer(
@@ -38,7 +40,8 @@ def make_trainer(
     made, or the task is not installed or has changed; a WorkError if the package of the algorithm
     can't be imported, or its update rule can't be trained.
     """
-    settings, seeds = runs[0], [derive_seeds(run.seed)[0] for run in runs]
+    settings = runs[0]
+    seeds = [derive_seeds(run.seed)[0] for run in runs]
     check_specs(settings.task, settings.specs, settings.accepted is not None)
     if settings.engine == "sb3":
         from jbench.training.sb3_engine import SB3Engine  # takes a second to import
@@ -95,11 +98,13 @@ def seconds_per_step(
     is negligible. The clock is `time.process_time` if other work on the machine is not to count.
     Raises a WorkError if neither the algorithm nor the engine is jbench's own.
     """
-    settings, algorithm = runs[0], hyperparameters(runs[0])
+    settings = runs[0]
+    algorithm = hyperparameters(runs[0])
     if not isinstance(algorithm, AlgorithmSettings):
         raise WorkError(f"The speed of {settings.algo} is not measured.")
     idle = len(runs) * stepping(settings, device, clock)
-    evaluating, count = evaluation_steps(settings) * idle, settings.environments
+    evaluating = evaluation_steps(settings) * idle
+    count = settings.environments
     if settings.last_step < algorithm.first_update:
         return idle + evaluating  # it ends before it learns
 
@@ -148,7 +153,8 @@ def stepping(
     clock: Callable[[], float] = time.perf_counter,
 ) -> float:
     """Returns the seconds per control step without training, with a robot on each thread."""
-    task, threads = find_task(settings.task), 1
+    task = find_task(settings.task)
+    threads = 1
     if device != "cpu" and ENGINES[settings.engine].is_for_gpu:
         threads = cores()
     actions = np.zeros((threads, task.action_size), np.float32)

@@ -132,11 +132,13 @@ def evaluate_policies(
         return [Evaluation(np.zeros(0), np.zeros(0, np.int64), None) for _ in seeds]
     episodes = block if episodes is None else episodes
     generators = [episode_generator(seed, number) for seed in seeds]
-    task, augment = find_task(settings.task), settings.augment
+    task = find_task(settings.task)
+    augment = settings.augment
     if isinstance(settings, RunSettings):
         augment = settings.robot_seed(settings.robot_at(control_steps))
     if ENGINES[settings.engine].has_one_stream:
-        block, generators = 1, [np.random.default_rng(*seeds)]
+        block = 1
+        generators = [np.random.default_rng(*seeds)]
         act_alone, act = act, lambda rows: act_alone(rows[0])[None]  # it may round by shape
         with task.worlds(1) as worlds:
             for _ in range(1 + number * settings.evaluate_episodes):

@@ -178,7 +178,9 @@ class TrainingGroup:
         self._fail_diverged(weights=True)
         if not (active := self._active()):
             return
-        engine, settings, log = self._engine, self._settings, active[0][1].log
+        engine = self._engine
+        settings = self._settings
+        log = active[0][1].log
         evaluations = evaluation.evaluate_policies(
             settings,
             [evaluation.derive_seeds(member.settings.seed)[1] for member in self._members],
@@ -215,7 +217,8 @@ class TrainingGroup:
         self._clock.committed(time.perf_counter() - began)
 
     def _save_one(self, index: int, *, only: bool = False) -> None:
-        member, engine = self._members[index], self._engine
+        member = self._members[index]
+        engine = self._engine
         member.control_steps = engine.control_steps
         member.checkpoint = save(member.record, member.log, engine, index, only=only)
 
@@ -242,7 +245,8 @@ class TrainingGroup:
 
     def _compact_files(self, index: int, member: Member) -> dict[str, bytes]:
         """Returns the files of a compact state, by role, if it is asked for and can be kept."""
-        replay, checkpoint = self._engine.replay, member.checkpoint
+        replay = self._engine.replay
+        checkpoint = member.checkpoint
         if self._keep_state != "compact" or replay is None or checkpoint is None:
             return {}
         if (reason := reason_for_whole_state(member.record)) is not None:

@@ -135,7 +135,9 @@ class RunLog:
         When a table has many files, its rows are written again as one, so that a long run does not
         end with thousands. The checkpoint's files are by role; `drop` are roles to remove.
         """
-        began, record, before = time.perf_counter(), self._record, self._before
+        began = time.perf_counter()
+        record = self._record
+        before = self._before
         if any(len(record.parts(name)) >= _MAX_PARTS for name in schema.LOG_TABLES):
             before = {name: record.read(name) for name in schema.LOG_TABLES} | before
         tables = {}
@@ -143,7 +145,8 @@ class RunLog:
             rows = pa.Table.from_pylist(self._rows[name], columns)
             tables[name] = pa.concat_tables([before[name], rows]) if name in before else rows
         record.append(tables, files, drop=drop, replace=before)
-        self._rows, self._before = {name: [] for name in self._rows}, {}
+        self._rows = {name: [] for name in self._rows}
+        self._before = {}
         return time.perf_counter() - began
 
     def _wall_time(self) -> float:
@@ -180,7 +183,8 @@ class Clock:
 
     def __init__(self, commit_every: float) -> None:
         """A first commit is due at once, so that a run is soon in the results; 0: always."""
-        self._last, self._next = time.process_time(), time.perf_counter()
+        self._last = time.process_time()
+        self._next = time.perf_counter()
         self._commit_every = commit_every
 
     def share(self, logs: Sequence[RunLog]) -> None:

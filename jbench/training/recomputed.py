@@ -42,8 +42,11 @@ class RecomputedRows:
         report: Report,
     ) -> None:
         """Computes nothing yet."""
-        self._runs, self._results = runs, results
-        self._load_encoder, self._device, self._report = load_encoder, device, report
+        self._runs = runs
+        self._results = results
+        self._load_encoder = load_encoder
+        self._device = device
+        self._report = report
         self._rows: dict[str, Tensor | None] = {}
 
     def take(self, run: RunSettings, source: Record, checkpoint: Checkpoint) -> Tensor | None:

@@ -72,7 +72,8 @@ def reevaluate(results: Results, record: Record, accept_changed: bool = False) -
     """
     if not has_policy(record):
         return Repeated(record.id, "no policy", "It was saved without its policy.")
-    settings, rows = read_run(record.settings), _rows(record, "evaluation")
+    settings = read_run(record.settings)
+    rows = _rows(record, "evaluation")
     obstacle = _obstacle(record, settings, rows)
     if isinstance(settings, Unreadable) or obstacle:
         return Repeated(record.id, "not comparable", obstacle)

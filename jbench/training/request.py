@@ -97,7 +97,8 @@ def make_runs(
         )
         for seed in seeds
     ]
-    count, steps = runs[0].environments, runs[0].steps
+    count = runs[0].environments
+    steps = runs[0].steps
     length = runs[0].episode_steps
     min_steps = length * count
     if steps < min_steps:

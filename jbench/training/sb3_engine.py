@@ -140,7 +140,9 @@ class RobotSequence(gymnasium.Wrapper[Any, Any, Any, Any]):
     def __init__(self, settings: RunSettings, encoder: Encoder | None) -> None:
         env = make_env(settings, encoder)
         super().__init__(env)
-        self._settings, self._encoder, self._robot = settings, encoder, 0
+        self._settings = settings
+        self._encoder = encoder
+        self._robot = 0
         self.last_action: Any = np.zeros(env.action_space.shape or ())
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
@@ -152,7 +154,8 @@ class RobotSequence(gymnasium.Wrapper[Any, Any, Any, Any]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         """Starts an episode; switches to the next robot after the last episode of this one."""
-        before, episodes = self.env, self.env.get_wrapper_attr("episode_count")
+        before = self.env
+        episodes = self.env.get_wrapper_attr("episode_count")
         is_last = self._robot == self._settings.robots - 1
         if episodes >= self._settings.episodes_on_each and not is_last:
             self._robot += 1

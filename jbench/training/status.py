@@ -185,7 +185,8 @@ def new_beginnings(runs: Iterable[RunSettings], results: Results) -> Iterator[st
         if run.robots == 1 and any(r.roles() for r in same):
             continue
         if same:
-            longest, why = same[0], obstacle(run) or "the state was not kept, as --keep-state does"
+            longest = same[0]
+            why = obstacle(run) or "the state was not kept, as --keep-state does"
         elif kept:
             longest = kept[0]
             every = longest.settings["evaluate_every"]
@@ -205,7 +206,8 @@ def check_state_can_be_kept(runs: Iterable[RunSettings], keep: KeepState = "whol
     """Raises a RequestError if no longer run could continue one of these runs."""
     option = "--keep-compact-state" if keep == "compact" else "--keep-state"
     for run in runs:
-        why, hint = obstacle(run), f"leave {option} out"
+        why = obstacle(run)
+        hint = f"leave {option} out"
         episodes = run.episode_steps * run.environments  # control steps from one end to the next
         is_between = run.last_step % episodes == 0
         if why is None and not is_between and not find_task(run.task).has_state_within_episode:

@@ -49,7 +49,8 @@ class AutogradLearner(OffPolicyLearner[OffPolicySettings]):
         self._gradients: dict[str, list[Tensor]] = {}
         self._adams: dict[str, Adam] = {}
         for attribute, names in parameter_names(rule).items():
-            shapes, saved = [rule.get_parameter(n).shape for n in names], f"rule.{attribute}"
+            shapes = [rule.get_parameter(n).shape for n in names]
+            saved = f"rule.{attribute}"
             flat = self._flat[attribute] = view.state(saved, flat_size(shapes))
             self._views[attribute] = dict(zip(names, flat_parts(flat, shapes), strict=True))
             if attribute in rule.losses.values():

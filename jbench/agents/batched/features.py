@@ -28,7 +28,9 @@ class DenseLayers:
     """
 
     def __init__(self, view: Tensors, name: str, inputs: int, layers: Sequence[Layer]) -> None:
-        self._view, self._name, self._layers = view, name, layers
+        self._view = view
+        self._name = name
+        self._layers = layers
         self._spans: list[tuple[int, int]] = []
         self.size = inputs
         for layer in layers:
@@ -44,7 +46,8 @@ class DenseLayers:
 
     def forward(self, rows: Tensor) -> None:
         """Computes the units and writes them to the columns after the inputs of `rows`."""
-        self._rows, batch = rows, rows.shape[-2]
+        self._rows = rows
+        batch = rows.shape[-2]
         self._used = [
             (layer, self._view.scratch(f"{self._name} raw {i}", batch, layer.units), span)
             for i, (layer, span) in enumerate(zip(self._layers, self._spans, strict=True))
@@ -86,8 +89,10 @@ class Features:
     def __init__(
         self, settings: OFESettings, observation_size: int, action_size: int, view: Tensors
     ) -> None:
-        self._settings, self._view = settings, view
-        self._observation_size, self._action_size = observation_size, action_size
+        self._settings = settings
+        self._view = view
+        self._observation_size = observation_size
+        self._action_size = action_size
         self._appended = settings.units > observation_size
         self.size = settings.units + (observation_size if self._appended else 0)
         pair_size = self.size + action_size
@@ -95,7 +100,8 @@ class Features:
         shapes = _shapes(observation_size, settings.widths)
         shapes += _shapes(pair_size, settings.widths)
         shapes.append((self.state_action_size, observation_size))
-        self.shapes, count = shapes, affine_count(shapes)
+        self.shapes = shapes
+        count = affine_count(shapes)
         self.values = view.state("features", count)
         self.gradient = view.scratch("features.gradient", count)
         self.layers = affine_views(self.values, shapes)

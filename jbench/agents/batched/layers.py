@@ -34,7 +34,8 @@ class Layer:
         stacked = affine.weight.ndim == 3
         self._affine = torch.baddbmm if stacked else torch.addmm
         self._product = torch.bmm if stacked else torch.mm
-        self._weight, self._bias = affine.weight, affine.bias.unsqueeze(-2)
+        self._weight = affine.weight
+        self._bias = affine.bias.unsqueeze(-2)
         self._transposed = self._weight.mT
         self._gradient = gradient
         self.units = affine.weight.shape[-1]
@@ -69,7 +70,8 @@ class BFloat16Layer(Layer):
 
     def __init__(self, affine: Affine, gradient: Affine, view: Tensors, workspace: str) -> None:
         super().__init__(affine, gradient)
-        self._view, self._workspace = view, workspace
+        self._view = view
+        self._workspace = workspace
 
     def forward(self, inputs: Tensor, out: Tensor | None = None) -> Tensor:
         """Returns inputs @ weight + bias in `out`."""

@@ -176,7 +176,8 @@ def _update(rule: Rule, seeds: int) -> None:
     This fails if a loss is no number, does not depend on what it trains, draws random numbers,
     changes a buffer, or has shapes or branches that depend on values.
     """
-    sizes, is_stack = (rule.observation_size, rule.action_size), seeds > 1
+    sizes = (rule.observation_size, rule.action_size)
+    is_stack = seeds > 1
     make = partial(AutogradLearner, rule.settings, *sizes, rule=rule)
     tensors = Tensors(seeds)
     learner = make(view=tensors if is_stack else tensors.select(0))

@@ -38,7 +38,8 @@ class OnFeatures(OffPolicyLearner[OffPolicySettings]):
         ofe: OFESettings,
     ) -> None:
         self.features = Features(ofe, observation_size, action_size, view)
-        self.pretraining, self.losses = ofe.pretraining, (*self.losses, "prediction_loss")
+        self.pretraining = ofe.pretraining
+        self.losses = (*self.losses, "prediction_loss")
         super().__init__(settings, self.features.size, action_size, view)
 
     def initialize(self, generator: Generator) -> None:

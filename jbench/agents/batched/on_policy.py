@@ -138,7 +138,8 @@ class Epochs:
         self._learner.reset_losses([])
         self._rows.copy_(self._source)
         # All are drawn before the first update, since nothing may wait for a GPU's updates.
-        epochs, count = range(self._settings.n_epochs), self._transitions
+        epochs = range(self._settings.n_epochs)
+        count = self._transitions
         generators = [seed.updates for seed in self.group.generators]
         draws = [np.stack([g.permutation(count) for _ in epochs]) for g in generators]
         for orders in self.group.stack(draws, count):

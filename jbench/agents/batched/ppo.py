@@ -53,7 +53,9 @@ class PPOLearner(Learner[PPOSettings]):
     squash = "clip"
 
     def _make_networks(self) -> None:
-        settings, view, action_size = self.settings, self.view, self.action_size
+        settings = self.settings
+        view = self.view
+        action_size = self.action_size
         # One network with the outputs mu(s) and V(s), or two networks.
         outputs = (action_size + 1,) if settings.shared_layers else (action_size, 1)
         layouts = [Layout((*self.policy_layout.sizes[:-1], count)) for count in outputs]
@@ -112,7 +114,8 @@ class PPOLearner(Learner[PPOSettings]):
             l and H are sums over the numbers of an action, each with its mu and sigma
             L^VF = 1/N sum (V - R)^2                  dL^VF / dV = 2 (V - R) / N, V unclipped
         """
-        settings, size = self.settings, batch.actions.shape[-2]
+        settings = self.settings
+        size = batch.actions.shape[-2]
         advantages = batch.advantages
         if settings.normalize_advantage and size > 1:
             sd, mean = torch.std_mean(advantages, dim=-2, keepdim=True)
@@ -157,7 +160,8 @@ class PPOLearner(Learner[PPOSettings]):
 
         L^VF is 1/N sum errors^2; V(s) may be clipped to within `clip_range_vf` of its old value.
         """
-        errors, clip = values - batch.returns, self.settings.clip_range_vf
+        errors = values - batch.returns
+        clip = self.settings.clip_range_vf
         if clip is None:
             return errors, errors
         changes = values - batch.values

@@ -35,9 +35,12 @@ class Batch:
     ) -> None:
         size = rows.shape[-1] - action_size - 1
         self.rows, self.next_rows = rows, next_rows
-        self.discounts, self.noise = discounts, noise
-        self.state_actions, self.rewards = rows[..., :-1], rows[..., -1:]
-        self.observations, self.actions = rows[..., :size], rows[..., size:-1]
+        self.discounts = discounts
+        self.noise = noise
+        self.state_actions = rows[..., :-1]
+        self.rewards = rows[..., -1:]
+        self.observations = rows[..., :size]
+        self.actions = rows[..., size:-1]
         self.next_state_actions = next_rows[..., :-1]
         self.next_observations, self.next_actions = next_rows[..., :size], next_rows[..., size:-1]
         self.mean_weight = torch.full_like(discounts, 1 / rows.shape[-2])
@@ -207,7 +210,8 @@ class ReplayBuffer:
 
     def _write(self, seeds: slice, first: int, rows: Tensor) -> None:
         """Writes rows (seeds, environments, rows, width) from row number `first` on."""
-        done, count = 0, rows.shape[2]
+        done = 0
+        count = rows.shape[2]
         while done < count:
             start = (first + done) % self._ring
             length = min(count - done, self._ring - start)

@@ -25,7 +25,9 @@ class SACLearner(OffPolicyLearner[SACSettings]):
     is_stochastic = True
 
     def _make_networks(self) -> None:
-        settings, view, action_size = self.settings, self.view, self.action_size
+        settings = self.settings
+        view = self.view
+        action_size = self.action_size
         self.noise_per_transition = 2 * action_size
         self._target_entropy = -float(action_size)
         if settings.target_entropy != "auto":

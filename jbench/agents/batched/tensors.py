@@ -56,7 +56,9 @@ class Tensors:
         *,
         low_precision: bool = False,
     ) -> None:
-        self.seeds, self.dtype, self.low_precision = seeds, dtype, low_precision
+        self.seeds = seeds
+        self.dtype = dtype
+        self.low_precision = low_precision
         self.device = torch.device(device)
         self.batch_shape: tuple[int, ...] = (seeds,)
         self.saved: dict[str, Tensor] = {}

@@ -120,14 +120,16 @@ class Updates:
 
     def _sample(self, count: int) -> list[tuple[Tensor, Tensor]]:
         """Returns buffers (..., size, any), each with samples (count, ..., size, any)."""
-        shape, noise = (count, self._size), self._batch.noise
+        shape = (count, self._size)
+        noise = self._batch.noise
         generators = [seed.updates for seed in self.group.generators]
         pairs = zip(self.group.seeds, generators, strict=True)
         rows, next_rows, last = zip(
             *(self._replay.sample(generator, *shape, seed) for seed, generator in pairs),
             strict=True,
         )
-        stack, seed_rows = self.group.stack, len(self._source) // len(rows)
+        stack = self.group.stack
+        seed_rows = len(self._source) // len(rows)
         samples = [
             (self._indices, stack(rows, seed_rows)),
             (self._next_indices, stack(next_rows, seed_rows)),

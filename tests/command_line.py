@@ -10,6 +10,7 @@ import time
 from jbench.task_specs import EPISODE_STEPS
 from tests.forking import COMMAND, ROOT, Forked, server
 from tests.json_documents import check_document
+from tests.short_episodes import statements
 
 # Background processes of a script ignore Ctrl-C; this command restores it.
 INTERRUPTIBLE = (
@@ -26,15 +27,13 @@ SHORT = 100
 """Control steps of an episode in processes that are started with `short`."""
 
 
-def short_episodes(folder):
+def with_short_episodes(folder):
     """Returns an environment for Python processes in which episodes are short.
 
     Args:
         folder: where the module is written that each of them imports first.
     """
-    (folder / "sitecustomize.py").write_text(
-        f"import jbench.task_specs\njbench.task_specs.EPISODE_STEPS = {SHORT}\n"
-    )
+    (folder / "sitecustomize.py").write_text(statements(SHORT))
     return {**os.environ, "PYTHONPATH": os.pathsep.join([str(folder), str(ROOT)])}
 
 

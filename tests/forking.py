@@ -26,6 +26,7 @@ from functools import cache, partial
 from pathlib import Path
 
 from jbench import task_specs
+from tests.short_episodes import shorten_episodes
 
 ROOT = Path(__file__).parents[1]
 NUMBER = struct.Struct("i")
@@ -277,7 +278,7 @@ def import_all():
 
 
 if __name__ == "__main__":
-    task_specs.EPISODE_STEPS = int(sys.argv[2])
+    shorten_episodes(steps=int(sys.argv[2]))
     import_all()
     from jbench.encoders import evaluation
     from jbench.training import engines

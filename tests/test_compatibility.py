@@ -15,7 +15,7 @@ from jbench.store.merge import TIMES
 from jbench.store.shipped import shipped
 from tests.fixtures import make_results
 from tests.fixtures.make_results import FINISHED, INTERRUPTED, TRAINING, content, train
-from tests.training.small_runs import shorten_episodes
+from tests.short_episodes import shorten_episodes
 
 FIXTURES = Path(__file__).parent / "fixtures"
 SETTINGS = {

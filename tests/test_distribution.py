@@ -22,6 +22,7 @@ from jbench.policies.saved import has_policy
 from jbench.store.shipped import kept_policies, shipped_results
 from tests import every_verb
 from tests.command_line import SHORT
+from tests.short_episodes import statements
 
 ROOT = Path(__file__).parents[1]
 BUILD = (
@@ -144,9 +145,7 @@ def test_description_has_no_relative_links_or_images(wheel):
 
 def run(installed, *arguments, code=0):
     """Runs Python with the installed package and short episodes; returns its output, or errors."""
-    (installed / "sitecustomize.py").write_text(
-        f"import jbench.task_specs\njbench.task_specs.EPISODE_STEPS = {SHORT}\n"
-    )
+    (installed / "sitecustomize.py").write_text(statements(SHORT))
     packages = os.pathsep.join([str(installed), str(installed / "packages")])
     done = subprocess.run(
         [sys.executable, *arguments],

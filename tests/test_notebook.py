@@ -8,14 +8,14 @@ import nbclient
 import nbformat
 import pytest
 
-from tests.command_line import short_episodes
+from tests.command_line import with_short_episodes
 from tests.documentation import ROOT
 
 
 @pytest.mark.slow
 def test_quickstart_notebook_trains_reports_and_queries(tmp_path, monkeypatch):
     (tmp_path / "site").mkdir()
-    monkeypatch.setenv("PYTHONPATH", short_episodes(tmp_path / "site")["PYTHONPATH"])
+    monkeypatch.setenv("PYTHONPATH", with_short_episodes(tmp_path / "site")["PYTHONPATH"])
     monkeypatch.setenv("JBENCH_STEPS", "1000")
     # The virtual environment of the tests may not be activated.
     scripts = str(Path(sys.executable).parent)

@@ -17,6 +17,7 @@ from jbench.errors import WorkError
 from jbench.store import Results
 from tests import every_verb
 from tests.command_line import SHORT
+from tests.short_episodes import statements
 
 # Source of a sitecustomize module, which Python imports at the start. Episodes are short.
 WITHOUT_LINUX = f"""
@@ -29,9 +30,7 @@ for flag in ("O_NOFOLLOW", "O_NONBLOCK"):
 for call in ("posix_fallocate", "sched_getaffinity"):
     delattr(os, call)
 del signal.pthread_sigmask
-import jbench.task_specs
-jbench.task_specs.EPISODE_STEPS = {SHORT}
-"""
+{statements(SHORT)}"""
 
 WITHOUT_DM_CONTROL = """
 import importlib.metadata, sys

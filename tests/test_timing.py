@@ -3,7 +3,8 @@
 from jbench.store import Results
 from jbench.timing import measured, part
 from jbench.training.batched_run import run_batch
-from tests.training.small_runs import EPISODE, shorten_episodes, small_run
+from tests.short_episodes import EPISODE, shorten_episodes
+from tests.training.small_runs import small_run
 
 SCHEDULE = {"learning_starts": 20, "batch_size": 4, "train_freq": 10, "gradient_steps": 1}
 

@@ -16,7 +16,7 @@ from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.training import batched_run, engines
 from jbench.training.events import EpisodeEnded
-from tests.training.small_runs import shorten_episodes
+from tests.short_episodes import shorten_episodes
 
 
 def stack_seeds(set_attribute=setattr):

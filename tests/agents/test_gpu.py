@@ -36,7 +36,8 @@ from tests.agents.test_batched_engine import (
     stopped_at,
     trajectory,
 )
-from tests.training.small_runs import resumed, shorten_episodes
+from tests.short_episodes import shorten_episodes
+from tests.training.small_runs import resumed
 from tests.training.test_resume import outcome, settings
 
 needs_gpu = pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")

@@ -11,7 +11,8 @@ import safetensors.numpy
 from jbench.policies.saved import DESCRIPTION, WEIGHTS
 from jbench.store import Results
 from jbench.training.batched_run import run_batch
-from tests.training.small_runs import EPISODE, shorten_episodes, small_run
+from tests.short_episodes import EPISODE, short_episodes
+from tests.training.small_runs import small_run
 
 OFF_POLICY = {"batch_size": 8, "train_freq": 10, "gradient_steps": 2, "learning_starts": 10}
 LENGTHS = {"steps": 2 * EPISODE, "evaluate_every": EPISODE, "evaluate_episodes": 2}
@@ -20,8 +21,7 @@ RUNS = [small_run("ddpg", OFF_POLICY, engine="batched", seed=n, **LENGTHS) for n
 
 @pytest.fixture(scope="module", autouse=True)
 def _short_episodes():
-    with pytest.MonkeyPatch.context() as patch:
-        shorten_episodes(patch.setattr)
+    with short_episodes(), pytest.MonkeyPatch.context() as patch:
         patch.setattr(os, "environ", os.environ.copy())  # the commands change it
         yield
 

@@ -17,7 +17,8 @@ from jbench.training.batched_run import run_batch
 from jbench.training.events import Resumed
 from tests.command_line import SHORT, Process, jbench, succeed
 from tests.commands.distributions import install, make_importable
-from tests.training.small_runs import resumed, rows, shorten_episodes
+from tests.short_episodes import shorten_episodes
+from tests.training.small_runs import resumed, rows
 
 NAME = "random_search:RandomSearch"
 """The agent without its entry point."""

@@ -17,6 +17,7 @@ from jbench.sweeps import executors
 from jbench.training import request
 from tests import sweep_matrices
 from tests.command_line import SHORT, jbench, succeed, wait_until
+from tests.short_episodes import shorten_episodes
 from tests.sweep_matrices import (
     committed,
     end_all,
@@ -46,7 +47,7 @@ def results(tmp_path):
 @pytest.fixture
 def short(monkeypatch):
     """Allows short runs and datasets in this process too, as it reads the matrix."""
-    monkeypatch.setattr("jbench.task_specs.EPISODE_STEPS", SHORT)
+    shorten_episodes(monkeypatch.setattr, SHORT)
 
 
 def sweep(matrix, results, *arguments):

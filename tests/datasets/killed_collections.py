@@ -14,14 +14,14 @@ import sys
 import time
 from pathlib import Path
 
-from jbench import task_specs
 from jbench.datasets import collect, fixed
 from jbench.settings.records import DatasetSettings
 from jbench.store import Results
+from tests.short_episodes import shorten_episodes
 
 # Two short episodes per file, so that most kills interrupt a write.
 fixed.PART_EPISODES = 2
-task_specs.EPISODE_STEPS = 20
+shorten_episodes(steps=20)
 SETTINGS = DatasetSettings(seed=3, steps=30 * 20)
 
 

@@ -16,7 +16,7 @@ from jbench.store import Results
 from jbench.tasks.jitterbug import geometry, model, resets
 from jbench.tasks.jitterbug.rewards import reward
 from jbench.tasks.jitterbug.robots import load_model
-from tests.training.small_runs import shorten_episodes
+from tests.short_episodes import short_episodes
 
 SEED, AUGMENT = 3, 11
 EPISODE = 100
@@ -26,8 +26,7 @@ STEPS = 2 * EPISODE
 
 @pytest.fixture(scope="module", autouse=True)
 def _short_episodes():
-    with pytest.MonkeyPatch.context() as patch:
-        shorten_episodes(patch.setattr, EPISODE)
+    with short_episodes(EPISODE):
         yield
 
 

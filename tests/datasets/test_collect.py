@@ -6,7 +6,7 @@ from pydantic import ValidationError
 from jbench.errors import WorkError
 from jbench.settings.records import DatasetSettings
 from jbench.store import Results
-from tests.training.small_runs import shorten_episodes
+from tests.short_episodes import shorten_episodes
 
 
 def test_steps_are_whole_episodes():

@@ -1,5 +1,5 @@
 """Sets the length of episodes to 20 control steps."""
 
-import jbench.task_specs
+from tests.short_episodes import shorten_episodes
 
-jbench.task_specs.EPISODE_STEPS = 20
+shorten_episodes(steps=20)

@@ -13,15 +13,14 @@ from jbench.store import Results
 from jbench.store.query import load, run_sql
 from jbench.tasks.gym import RobotEnv
 from jbench.tasks.jitterbug.heuristics import LAWS
-from tests.training.small_runs import shorten_episodes
+from tests.short_episodes import short_episodes
 
 EPISODE = 100  # control steps
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _short_episodes():
-    with pytest.MonkeyPatch.context() as patch:
-        shorten_episodes(patch.setattr, EPISODE)
+    with short_episodes(EPISODE):
         yield
 
 

@@ -29,7 +29,7 @@ from jbench.tasks.find import find_task
 from jbench.tasks.jitterbug import features
 from jbench.tasks.task import episode_generator, rollout
 from tests.encoders.encoder_data import fitted_encoder, make_dataset, observations_of, read_states
-from tests.training.small_runs import EPISODE, shorten_episodes
+from tests.short_episodes import EPISODE, shorten_episodes
 
 TASK = "face_direction"
 RUN = "reference/face_direction/ddpg/full"

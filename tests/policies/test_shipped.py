@@ -17,7 +17,7 @@ from jbench.store import Results
 from jbench.store.shipped import shipped
 from jbench.store.verify import verify
 from jbench.tasks.jitterbug.features import observation_size
-from tests.training.small_runs import shorten_episodes
+from tests.short_episodes import shorten_episodes
 
 
 @pytest.fixture

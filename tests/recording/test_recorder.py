@@ -24,7 +24,8 @@ from jbench.store import Results
 from jbench.training.repeat import reevaluate
 from tests.command_line import SHORT, Process
 from tests.documentation import ROOT
-from tests.training.small_runs import EPISODE, paths, shorten_episodes
+from tests.short_episodes import EPISODE, short_episodes
+from tests.training.small_runs import paths
 
 SEED = 7  # with this seed, `loop` gets rewards in the first episode
 STEPS = 2 * EPISODE
@@ -35,8 +36,7 @@ RUN["evaluate_episodes"] = 2
 
 @pytest.fixture(scope="module", autouse=True)
 def _short_episodes():
-    with pytest.MonkeyPatch.context() as patch:
-        shorten_episodes(patch.setattr)
+    with short_episodes():
         yield
 
 

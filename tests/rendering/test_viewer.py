@@ -24,18 +24,18 @@ import time
 import mujoco.viewer
 import numpy as np
 from PIL import ImageGrab
-from jbench import task_specs
 from jbench.rendering import viewer
 from jbench.rendering.episode import Scene
 from jbench.tasks.find import find_task
 from tests.rendering.render_policies import Constant
+from tests.short_episodes import shorten_episodes
 
 windows, launch = [], mujoco.viewer.launch_passive
 def launch_and_keep(*arguments, **settings):
     windows.append(launch(*arguments, **settings))
     return windows[0]
 mujoco.viewer.launch_passive = launch_and_keep
-task_specs.EPISODE_STEPS = 25
+shorten_episodes(steps=25)
 
 class Closing(Constant):
     def act(self, observations):

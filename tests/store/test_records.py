@@ -22,6 +22,8 @@ def test_rows_are_read_in_order_of_appends(results, record):
     again = results.find("run", "a/b")
     assert read(record) == read(again) == [3, 1, 2, 2, 0, 9, 4]
     assert again.rows("t") == 7
+    # No file is without rows.
+    assert [part.rows for part in again.parts("t")] == [2, 1, 1, 3]
 
 
 def test_texts_and_gaps_survive_as_values_and_as_dictionary(record):

@@ -17,7 +17,7 @@ from jbench.sweeps.cell_status import cell_statuses
 from jbench.sweeps.scheduler import batches, sweep
 from jbench.tasks.find import find_task
 from jbench.training.events import Finished, Note, Warned
-from tests.command_line import SHORT, short_episodes
+from tests.command_line import SHORT, with_short_episodes
 from tests.sweep_matrices import runs_of_matrix, states, write_matrix
 from tests.training.test_batched_run import ENCODED, settings
 
@@ -57,7 +57,7 @@ def test_program_sweeps_without_command_line_and_receives_events(tmp_path):
         [sys.executable, "-c", PROGRAM, matrix, str(results)],
         capture_output=True,
         text=True,
-        env=short_episodes(tmp_path),
+        env=with_short_episodes(tmp_path),
     )
     assert done.returncode == 0, done.stderr
     events, of_the_command_line = json.loads(done.stdout)

@@ -2,12 +2,11 @@
 
 import pytest
 
-from tests.training.small_runs import shorten_episodes
+from tests.short_episodes import short_episodes
 
 
-@pytest.fixture(scope="module")
-def short_episodes():
+@pytest.fixture(scope="module", name="short_episodes")
+def _short_episodes():
     """Makes the episodes of all tests of a file 50 control steps long."""
-    with pytest.MonkeyPatch.context() as patch:
-        shorten_episodes(patch.setattr)
+    with short_episodes():
         yield

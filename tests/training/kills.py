@@ -34,7 +34,8 @@ from jbench.store.verify import verify
 from jbench.training import batched_run
 from jbench.training.batched_run import run_batch
 from jbench.training.checkpoints import load
-from tests.training.small_runs import TanhEncoder, shorten_episodes
+from tests.short_episodes import shorten_episodes
+from tests.training.small_runs import TanhEncoder
 
 
 class KillingModule:

@@ -4,7 +4,6 @@ from collections import Counter
 
 import torch
 
-from jbench import task_specs
 from jbench.encoders import Encoder
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.run import RunSettings
@@ -13,13 +12,6 @@ from jbench.store.merge import TIMES
 from jbench.training.batched_run import run_batch
 from jbench.training.events import Resumed
 from jbench.training.request import request_runs
-
-EPISODE = 50
-
-
-def shorten_episodes(set_attribute=setattr, steps=EPISODE):
-    """Makes the episodes of the Jitterbug shorter."""
-    set_attribute(task_specs, "EPISODE_STEPS", steps)
 
 
 def small_run(algo, overrides, **changes):

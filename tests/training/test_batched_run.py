@@ -17,7 +17,8 @@ from jbench.training.events import EpisodeEnded
 from jbench.training.repeat import reevaluate
 from jbench.training.request import training_device
 from jbench.training.status import run_statuses
-from tests.training.small_runs import EPISODE, TanhEncoder, paths, rows, small_run
+from tests.short_episodes import EPISODE
+from tests.training.small_runs import TanhEncoder, paths, rows, small_run
 
 pytestmark = pytest.mark.usefixtures("short_episodes")
 

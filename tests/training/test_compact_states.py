@@ -19,7 +19,8 @@ from jbench.training.events import Failed, Note
 from jbench.training.status import check_state_can_be_kept, run_status
 from jbench.training.worker import _ended
 from tests.encoders.encoder_data import make_dataset
-from tests.training.small_runs import EPISODE, shorten_episodes, train_batch
+from tests.short_episodes import EPISODE, short_episodes
+from tests.training.small_runs import train_batch
 from tests.training.test_continuation import outcome
 from tests.training.test_ending_runs import DRIFTS, falling
 from tests.training.test_resume import settings
@@ -42,8 +43,7 @@ def mirroring(short_encoder_evaluation, tmp_path_factory):
 
 @pytest.fixture(scope="module", autouse=True)
 def _short_episodes(mirroring):
-    with pytest.MonkeyPatch.context() as patch:
-        shorten_episodes(patch.setattr)
+    with short_episodes():
         yield
 
 

@@ -17,7 +17,8 @@ from jbench.training.status import (
     run_status,
     with_kept_evaluations,
 )
-from tests.training.small_runs import EPISODE, paths, rows, train_batch
+from tests.short_episodes import EPISODE
+from tests.training.small_runs import paths, rows, train_batch
 from tests.training.test_checkpoints import find_file
 from tests.training.test_resume import settings
 

@@ -9,7 +9,8 @@ import jbench.training.engines
 from jbench.agents.engine import DivergedError
 from jbench.store import Results
 from jbench.training.batched_run import run_batch
-from tests.training.small_runs import EPISODE, resumed, rows
+from tests.short_episodes import EPISODE
+from tests.training.small_runs import resumed, rows
 from tests.training.small_runs import train as train_one
 from tests.training.test_checkpoints import only
 from tests.training.test_resume import outcome, settings

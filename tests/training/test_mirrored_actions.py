@@ -30,7 +30,8 @@ from jbench.training.repeat import reevaluate, retrain
 from tests.agents.test_batched_engine import build_engine
 from tests.agents.test_plugin_engine import build_engine as plugin_engine_of
 from tests.encoders.encoder_data import make_dataset, planar_encoder
-from tests.training.small_runs import EPISODE, shorten_episodes, small_run, train
+from tests.short_episodes import EPISODE, short_episodes
+from tests.training.small_runs import small_run, train
 
 TASK = "face_direction"
 OFF_POLICY = {"batch_size": 8, "train_freq": 10, "gradient_steps": 2, "learning_starts": 10}
@@ -49,8 +50,7 @@ def results(short_encoder_evaluation, tmp_path_factory):
 
 @pytest.fixture(scope="module", autouse=True)
 def _short_episodes(results):
-    with pytest.MonkeyPatch.context() as patch:
-        shorten_episodes(patch.setattr)
+    with short_episodes():
         yield
 
 

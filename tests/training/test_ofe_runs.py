@@ -17,7 +17,8 @@ from jbench.studies.matrix import read_matrix
 from jbench.sweeps.cell import matrix_cells
 from jbench.sweeps.deciding import comparisons
 from jbench.training.batched_run import run_batch
-from tests.training.small_runs import requested, shorten_episodes, small_run
+from tests.short_episodes import shorten_episodes
+from tests.training.small_runs import requested, small_run
 
 ABOUT = {"steps": 100, "evaluate_every": 50, "evaluate_episodes": 1}
 

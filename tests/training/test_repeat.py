@@ -14,7 +14,8 @@ from jbench.training.batched_run import run_batch
 from jbench.training.log import POLICY_EVALUATION
 from jbench.training.repeat import changes_since, default_episodes, reevaluate, retrain
 from tests.demo_results import ENCODER
-from tests.training.small_runs import EPISODE, small_run
+from tests.short_episodes import EPISODE
+from tests.training.small_runs import small_run
 
 pytestmark = pytest.mark.usefixtures("short_episodes")
 

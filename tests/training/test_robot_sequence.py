@@ -11,8 +11,9 @@ from jbench.tasks.jitterbug.robots import load_model
 from jbench.training import evaluation, group
 from jbench.training.evaluation import make_env
 from jbench.training.sb3_engine import RobotSequence
+from tests.short_episodes import EPISODE
 from tests.store.store_rows import episodes
-from tests.training.small_runs import EPISODE, small_run, train
+from tests.training.small_runs import small_run, train
 
 pytestmark = pytest.mark.usefixtures("short_episodes")
 

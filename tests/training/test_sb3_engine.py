@@ -9,7 +9,8 @@ from jbench.tasks.jitterbug import geometry
 from jbench.training.evaluation import make_env
 from jbench.training.repeat import reevaluate
 from jbench.training.status import run_statuses
-from tests.training.small_runs import EPISODE, paths, small_run, train
+from tests.short_episodes import EPISODE
+from tests.training.small_runs import paths, small_run, train
 
 pytestmark = pytest.mark.usefixtures("short_episodes")
 

@@ -13,7 +13,8 @@ from jbench.training.batched_run import run_batch
 from jbench.training.log import POLICY_EVALUATION
 from jbench.training.repeat import reevaluate, retrain
 from jbench.training.status import check_state_can_be_kept
-from tests.training.small_runs import EPISODE, rows, train
+from tests.short_episodes import EPISODE
+from tests.training.small_runs import rows, train
 from tests.training.test_resume import kill
 
 SMALL = {"hidden_layers": [8], "batch_size": 16, "learning_starts": 50, "train_freq": 30}

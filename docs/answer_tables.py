@@ -83,7 +83,7 @@ ANSWER_ROWS = (
     Shown("all 16 or 19 numbers (`full`)", "full"),
     Shown("all of them, min-max scaled (`scaled`)", "scaled"),
     Shown("12 numbers in the robot's own frame (`planar`)", "planar"),
-    Shown("these 12, for half of the states (`planar-mirror`)", "planar-mirror"),
+    Shown("these 12, mirrored if the target is on the right (`planar-mirror`)", "planar-mirror"),
     Shown("`planar`, with mirrored minibatches (`planar, mirror=true`)", "planar, mirror=true"),
     Shown("`planar`, position and heading (`heading`)", "heading"),
     Shown("12 latents trained to predict (`forward12`)", "forward12"),

@@ -397,6 +397,6 @@ def test_out_of_memory_error_names_option(monkeypatch):
     def full(*_, **__):
         raise torch.OutOfMemoryError("CUDA out of memory.")
 
-    monkeypatch.setattr("jbench.agents.batched.off_policy.ReplayBuffer", full)
+    monkeypatch.setattr("jbench.agents.batched.pair_buffer.ReplayBuffer", full)
     with pytest.raises(WorkError, match=r"replay buffers of 3 seeds: type fewer --seeds at a time"):
         build_engine("ddpg", [0, 1, 2])

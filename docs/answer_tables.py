@@ -74,7 +74,7 @@ README_ROWS = (
     Shown("robot's frame, mirrored (`planar-mirror`)", "planar-mirror"),
     Shown("autoencoder (`dae12`)", "dae12"),
     Shown(
-        "its latents, own scale, whitened (`dae12-observation-whitened`)",
+        "autoencoder, observation's own scale, whitened (`dae12-observation-whitened`)",
         "dae12-observation-whitened",
     ),
 )

@@ -25,7 +25,7 @@ class Updates:
                 engine.replay.restore(seed, rows, transitions)
         else:
             assert isinstance(engine, OnPolicyEngine)
-            engine._rows.normal_()
+            engine._rollout.rows.normal_()
 
     def make(self, count: int) -> tuple[int, float, float]:
         """Makes updates of the whole stack; PPO makes those of one rollout.

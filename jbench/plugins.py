@@ -5,6 +5,7 @@ Encoders (`jbench.encoders`), agents (`jbench.agents`), update rules (`jbench.ru
 """
 
 import importlib.util
+import inspect
 import os
 import re
 import sys
@@ -52,6 +53,14 @@ def first_line(documented: object) -> str:
     text = getattr(documented, "__doc__", None)
     lines = text.strip().splitlines() if isinstance(text, str) else []
     return lines[0].strip() if lines else ""
+
+
+def parameters(function: Callable[..., Any]) -> Mapping[str, inspect.Parameter] | None:
+    """Returns the parameters of a function or a class; None for one in C that does not say them."""
+    try:
+        return inspect.signature(function).parameters
+    except ValueError:
+        return None
 
 
 def is_imported(name: str) -> bool:

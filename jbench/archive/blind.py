@@ -15,6 +15,7 @@ import subprocess
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from string import ascii_lowercase
 from typing import Any
 
 import pyarrow as pa
@@ -62,8 +63,7 @@ class Blinder:
             if record.kind == "run" and engine != EXTERNAL and settings.get("algo") not in SETTINGS:
                 self._number("agent", settings.get("algo"))
             if record.kind == "encoder" and settings.get("kind") not in ENCODER_KINDS:
-                # A kind has no digits at its end.
-                self._number("kind", settings.get("kind"), "abcdefghijklmnopqrstuvwxyz")
+                self._number("kind", settings.get("kind"))
             if record.kind == "evaluation":
                 policy = str(settings.get("policy"))
                 is_run = "/" in policy and not policy.endswith(".zip")
@@ -134,14 +134,18 @@ class Blinder:
 
         return content if changed.equals(rows) else listed.to_bytes(changed)
 
-    def _number(self, what: str, name: object, letters: str = "") -> None:
-        """Gives a name a number, or a letter, of its kind, so that the archive does not have it."""
+    def _number(self, what: str, name: object) -> None:
+        """Gives a name a number of its kind, or letters, so that the archive does not have it."""
         if not isinstance(name, str):
             return
 
         known = self._numbers.setdefault(what, {})
-        number = len(known)
-        known.setdefault(name, f"{what}-{letters[number] if letters else number + 1}")
+        if name in known:
+            return
+
+        number = len({*known.values()}) + 1
+        # A kind of encoder has no digits at its end.
+        known[name] = f"{what}-{_in_letters(number) if what == 'kind' else number}"
         self.words.add(name)
         self.words.update(part for part in re.split(r"[:.]", name) if len(part) > _SHORTEST)
         if what == "kind":
@@ -178,6 +182,15 @@ class Blinder:
     def _has_a_word(self, text: str) -> bool:
         """Returns whether a text has a word that tells who made it, or is the path of a file."""
         return any(found_in(word, text) for word in self.words) or text.startswith(("/", "~"))
+
+
+def _in_letters(number: int) -> str:
+    """Returns a number from 1 on as the columns of a spreadsheet are numbered: a to z, aa, ab."""
+    letters = ""
+    while number:
+        number, letter = divmod(number - 1, len(ascii_lowercase))
+        letters = ascii_lowercase[letter] + letters
+    return letters
 
 
 def _without_texts(summary: Mapping[str, Any]) -> dict[str, Any]:

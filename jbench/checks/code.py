@@ -13,7 +13,7 @@ from jbench.agents.algorithms import installed
 from jbench.agents.batched.rule import Rule
 from jbench.agents.plugin import Agent
 from jbench.checks import agents, encoders, policies, tasks
-from jbench.checks.checked import Checked, attempt
+from jbench.checks.checked import Checked, NamedCheck, attempt
 from jbench.cores import one_thread
 from jbench.encoders.kind import Kind
 from jbench.encoders.registry import kind_names
@@ -26,13 +26,8 @@ from jbench.tasks.find import installed_tasks
 What = Literal["task", "agent", "rule", "encoder", "policy"]
 WHATS: tuple[What, ...] = get_args(What)
 
-NamedCheck = tuple[str, Callable[[], str]]
-"""A name, and a function that returns a sentence, or raises an error that is one."""
-
-
 _ESSENTIAL = ("class", "made", "actions", "learning", "episode", "training", "acts")
 """Checks without which the later ones would fail for the same reason."""
-
 
 _ENVIRONMENT = ("reset", "step", "observation_spec", "action_spec")
 """Methods of a `dm_env.Environment`."""
@@ -102,9 +97,12 @@ def find_what(name: str) -> What:
 
 def _is_factory(found: Callable[..., Any]) -> bool:
     """Returns whether a function can be called without arguments, or with a seed `random` only."""
-    parameters = inspect.signature(found).parameters.values()
-    needed = [each.name for each in parameters if each.default is inspect.Parameter.empty]
-    return not {*needed} - {"random"}
+    parameters = plugins.parameters(found)
+    if parameters is None:
+        return False
+
+    needed = {name for name, each in parameters.items() if each.default is inspect.Parameter.empty}
+    return needed <= {"random"}
 
 
 def _installed(name: str) -> What:

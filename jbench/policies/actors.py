@@ -4,7 +4,6 @@ A copy is saved as data and evaluated without torch.
 """
 
 import contextlib
-import inspect
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -14,6 +13,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from jbench import plugins
 from jbench.errors import RequestError
 from jbench.policies.saved import Float, SavedLayer, SavedNetwork
 from jbench.tasks.task import Act
@@ -86,7 +86,7 @@ def _function(actor: Actor) -> Callable[[NDArray[np.float32]], Any]:
     """Returns what maps observations to actions, deterministically if an actor can do both."""
     # Also a policy of stable-baselines3, a module whose actions are random when it is called.
     predict = getattr(actor, "predict", None)
-    if callable(predict) and "deterministic" in inspect.signature(predict).parameters:
+    if callable(predict) and "deterministic" in (plugins.parameters(predict) or {}):
         statistics = normalization(actor)
         seen: Callable[..., Any] = np.asarray if statistics is None else statistics.normalize_obs
         return lambda observations: predict(seen(observations), deterministic=True)[0]

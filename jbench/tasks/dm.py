@@ -1,6 +1,5 @@
 """Tasks that a `dm_env.Environment` or a Gymnasium environment implements."""
 
-import math
 from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import Any
@@ -12,18 +11,20 @@ from numpy.typing import NDArray
 from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.settings.records import Specs
 from jbench.sources import checksum
+from jbench.tasks.dm_specification import (
+    UnusableError,
+    measure_episode,
+    read_bounds,
+    read_parts,
+)
 from jbench.tasks.dm_worlds import DmWorlds, EnvironmentTask, close, may_end_early
 from jbench.tasks.gym_adapter import GymAdapter
 from jbench.tasks.robot_checksum import model_hash, robot_checksum
 from jbench.tasks.task import rollout
 from jbench.tasks.worlds import Worlds
 
-Make = Callable[[int], Any]  # returns a new environment with this seed
-
-MAX_EPISODE_STEPS = 100_000
-"""The longest episode of another robot, in control steps."""
-
-_UNBOUNDED = 1e9  # dm_control writes 1e10 for an actuator without limits
+Make = Callable[[int], Any]
+"""Returns a new environment with a seed."""
 
 
 class DmTask(EnvironmentTask):
@@ -49,38 +50,49 @@ class DmTask(EnvironmentTask):
         self.description = description
         self._make = make
         self._provenance = provenance
+
         environment = self.environment(0)
-        self.parts, self.notes = self._read_parts(environment)
-        self._minimum, self._maximum = self._read_bounds(environment)
-        self.action_size = len(self._minimum)
+        try:
+            self._read(environment, files, takes_random)
+        except UnusableError as error:
+            raise self._refusal(str(error)) from error
+        finally:
+            close(environment)
+
+    def _read(self, environment: Any, files: Mapping[str, str] | None, takes_random: bool) -> None:
+        """Reads what is known of an environment; an UnusableError says why it can't be used."""
+        self.parts, self.notes = read_parts(environment)
+        self._bounds = read_bounds(environment)
+        self.action_size = len(self._bounds.minimum)
         self.ends_early = self.has_state_within_episode = may_end_early(environment)
         self._check_columns()
+
         is_gymnasium = isinstance(environment, GymAdapter)
         random = getattr(getattr(environment, "task", None), "random", None)
         self.reseeds = is_gymnasium or isinstance(random, np.random.RandomState)
         self.has_one_model = self.reseeds
         self.has_unit_rewards = not is_gymnasium
         if not self.reseeds and not takes_random:
-            raise self._refusal(
+            raise UnusableError(
                 "its episodes can't be seeded: give its task a RandomState `random`, or its "
                 "factory an argument `random`"
             )
+
         timestep = getattr(environment, "control_timestep", None)
         self.control_timestep = timestep() if callable(timestep) else None
-        self.episode_steps = self._measure_episode(environment)
+        self.episode_steps = measure_episode(environment, self._bounds)
         self.specs = Specs(
             model=model_hash(environment),
             parts=list(self.parts),
             sizes=list(self.parts.values()),
-            action_minimum=self._minimum.tolist(),
-            action_maximum=self._maximum.tolist(),
+            action_minimum=self._bounds.minimum.tolist(),
+            action_maximum=self._bounds.maximum.tolist(),
             control_timestep=self.control_timestep,
             compiled=None if files is None else robot_checksum(environment),
             sources=None if files is None else checksum(files),
             episode_steps=self.episode_steps,
             unit_rewards=self.has_unit_rewards,
         )
-        close(environment)
 
     def environment(self, seed: int) -> Any:
         """Returns a new environment; RequestError if it can't be made."""
@@ -90,13 +102,16 @@ class DmTask(EnvironmentTask):
             raise
         except Exception as error:
             raise self._refusal(f"it can't be made ({sentence_of_failure(error)})") from error
+
         if isinstance(environment, gymnasium.Env):
             return GymAdapter(environment, seed)
+
         wanted = ("reset", "step", "observation_spec", "action_spec")
         if not all(callable(getattr(environment, method, None)) for method in wanted):
             raise self._refusal(
                 f"it is a {type(environment).__name__}, not a dm_env.Environment or a gymnasium.Env"
             )
+
         return environment
 
     def code_provenance(self) -> dict[str, Any]:
@@ -129,11 +144,7 @@ class DmTask(EnvironmentTask):
 
     def commands(self, actions: NDArray[np.floating]) -> NDArray[np.float64]:
         """Maps actions (..., action_size), clipped to [-1, 1], to the actuators' bounds."""
-        clipped: NDArray[np.float64] = np.clip(actions, -1, 1).astype(np.float64)
-        if (self._minimum == -1).all() and (self._maximum == 1).all():
-            return clipped  # without rounding
-        scaled: NDArray[np.float64] = (clipped + 1) * ((self._maximum - self._minimum) / 2)
-        return self._minimum + scaled
+        return self._bounds.commands(actions)
 
     @cached_property
     def _has_repeated(self) -> bool:
@@ -168,47 +179,24 @@ class DmTask(EnvironmentTask):
 
     def _random_episode(self, worlds: Worlds) -> NDArray[np.float32]:
         """Returns the observations (steps + 1, size) of an episode of random actions."""
-        random, shape = np.random.default_rng(0), (1, self.action_size)
+        random = np.random.default_rng(0)
+        shape = (1, self.action_size)
         seen = [worlds.reset([random])]
         worlds.check()
+
         for step in rollout(worlds, seen[0], lambda _: random.uniform(-1, 1, shape)):
             worlds.check()
             seen.append(step.next_observations)
+
         return np.concatenate(seen)
 
-    def _read_parts(self, environment: Any) -> tuple[dict[str, int], tuple[str, ...]]:
-        """Returns the sizes of the parts of an observation, and notes on those left out."""
-        try:
-            spec = environment.observation_spec()
-            sizes = {name: math.prod(part.shape) for name, part in _named(spec).items()}
-        except _UnnamedError:
-            raise self._refusal(
-                "its observation has no names: return a dictionary of named arrays"
-            ) from None
-        except RequestError as error:
-            raise self._refusal(str(error)) from None
-        except Exception as error:
-            # dm_control makes no specification of floats and lists, though they are numbers.
-            try:
-                observed = _named(environment.reset().observation)
-                sizes = {name: np.asarray(part, float).size for name, part in observed.items()}
-            except Exception:
-                sizes, observed = {}, {}
-            if all(hasattr(part, "shape") for part in observed.values()):
-                raise self._refusal(
-                    f"its observation_spec fails ({sentence_of_failure(error)})"
-                ) from error
-        empty = [name for name, size in sizes.items() if not size]
-        parts = {name: size for name, size in sizes.items() if size}
-        if not parts:
-            raise self._refusal("its observation has no values: give it at least one number")
-        notes = [f"{name} of its observation has no values and is left out" for name in empty]
-        return parts, tuple(notes)
-
     def _check_columns(self) -> None:
-        """Refuses two columns of a dataset with one name; DuckDB ignores upper and lower case."""
+        """Raises an UnusableError if two columns of a dataset would have one name.
+
+        DuckDB ignores upper and lower case.
+        """
         first: dict[str, str] = {}
-        counts = "episode", "step"
+        counts = ("episode", "step")
         ends = ("terminated", "truncated") if self.ends_early else ()
         for column in (*counts, *self.labels, *self.action_labels, "reward", *ends):
             key = column.casefold()
@@ -216,78 +204,14 @@ class DmTask(EnvironmentTask):
             if before is None:
                 first[key] = column
                 continue
+
             names = f"two columns {column}"
             if before != column:
                 names = f"the columns {before} and {column}, which SQL takes for one"
-            raise self._refusal(
+            raise UnusableError(
                 f"a dataset of it would have {names}; rename that part of its observation"
             )
 
-    def _read_bounds(self, environment: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        try:
-            spec = environment.action_spec()
-            shape: tuple[int, ...] = getattr(spec, "shape", ())
-            dtype = np.dtype(getattr(spec, "dtype", object))
-        except RequestError as error:
-            raise self._refusal(str(error)) from None
-        except Exception as error:
-            raise self._refusal(f"its action_spec fails ({sentence_of_failure(error)})") from error
-        if len(shape) != 1 or not shape[0] or not np.issubdtype(dtype, np.floating):
-            raise self._refusal(
-                f"its actions are {dtype} of shape {shape}; jbench takes a vector of real numbers"
-            )
-        bounds = [getattr(spec, "minimum", -np.inf), getattr(spec, "maximum", np.inf)]
-        minimum, maximum = (np.full(shape, bound, np.float64) for bound in bounds)
-        bounded = (np.abs([minimum, maximum]) < _UNBOUNDED).all(axis=0) & (minimum < maximum)
-        if not bounded.all():
-            i = int(np.argmin(bounded))
-            raise self._refusal(
-                f"its action {i} is in [{minimum[i]:g}, {maximum[i]:g}]; give it two different "
-                "finite bounds, which jbench scales to [-1, 1]"
-            )
-        return minimum, maximum
-
-    def _measure_episode(self, environment: Any) -> int:
-        """Returns the control steps after which the time limit truncates an episode."""
-        limit = getattr(environment, "_step_limit", None)  # of dm_control's Environment
-        if isinstance(limit, float) and math.isfinite(limit):
-            return math.ceil(limit)
-        known = getattr(environment, "episode_steps", None)
-        if isinstance(known, int) and known > 0:
-            return known
-        action = (self._minimum + self._maximum) / 2
-        try:
-            environment.reset()
-            steps = 0
-            is_last = False
-            while not is_last and steps < MAX_EPISODE_STEPS:
-                timestep = environment.step(action)
-                is_last = timestep.last()
-                steps += 1
-        except Exception as error:
-            raise self._refusal(f"it fails ({sentence_of_failure(error)})") from error
-        if not is_last:
-            raise self._refusal(
-                f"an episode has more than {MAX_EPISODE_STEPS:,} control steps: give it a time "
-                "limit"
-            )
-        if timestep.discount == 0:
-            raise self._refusal(
-                f"its episode terminates at control step {steps}, and its time limit is not known: "
-                "wrap it in gymnasium.wrappers.TimeLimit, or give a dm_env.Environment the "
-                "attribute episode_steps, control steps after which an episode is truncated"
-            )
-        return steps
-
     def _refusal(self, reason: str) -> RequestError:
+        """Returns the error of an environment that can't be used; the reason is a clause."""
         return RequestError(f"jbench can't use the task {self.name}: {reason}.")
-
-
-class _UnnamedError(TypeError):
-    """An observation or its specification is no dictionary of names."""
-
-
-def _named(parts: Any) -> Mapping[str, Any]:
-    if not isinstance(parts, Mapping) or not parts or not all(parts):
-        raise _UnnamedError
-    return {str(name): part for name, part in parts.items()}

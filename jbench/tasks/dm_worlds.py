@@ -49,7 +49,9 @@ class DmWorlds(EndingWorlds):
     """Environments of one task, stepped one after another."""
 
     def __init__(self, task: EnvironmentTask, count: int) -> None:
-        self._task, self.episode_steps = task, task.episode_steps
+        """Makes the environments, which have no episode yet."""
+        self._task = task
+        self.episode_steps = task.episode_steps
         self.failures = {}
         self.unlike = set()
         self.environments = [task.environment(0) for _ in range(count)]
@@ -77,6 +79,7 @@ class DmWorlds(EndingWorlds):
         self._observations = self._observations.copy()
         for world, generator in zip(worlds, generators, strict=True):
             self._begin(world, int(generator.integers(2**32)))
+
         return self._observations
 
     def step(
@@ -89,6 +92,7 @@ class DmWorlds(EndingWorlds):
         for world in range(len(self.environments)):
             if not self._is_over(world):
                 rewards[world] = self._step(world, commands[world])
+
         return self._observations, rewards
 
     def are_over(self) -> bool:
@@ -103,13 +107,16 @@ class DmWorlds(EndingWorlds):
         """Returns the seeds and commands of the episodes of some worlds, and what they observe."""
         if not self._task.has_state_within_episode and self.elapsed[rows].any():
             raise WorkError(f"{self._task.name} has a state between two episodes only.")
+
         seeds = self._seeds[rows].copy()
         if not self._task.has_state_within_episode:
             return {"seeds": seeds}
+
         elapsed = self.elapsed[rows].copy()
         commands = np.zeros((len(seeds), elapsed.max(), self._task.action_size))
         for row, made in zip(commands, self._commands[rows], strict=True):
             row[: len(made)] = np.reshape(made, (len(made), self._task.action_size))
+
         return {
             "seeds": seeds,
             "elapsed": elapsed,
@@ -129,21 +136,29 @@ class DmWorlds(EndingWorlds):
         seeds = state["seeds"].tolist()
         for row, world in enumerate(range(rows.start, rows.stop)):
             self._begin(world, seeds[row])
-            if "commands" not in state:
-                continue
-            elapsed = int(state["elapsed"][row])
-            if not elapsed:
-                continue
-            for command in state["commands"][row, :elapsed]:
-                self._step(world, command)
-            observed = state["observations"][row]
-            is_alike = np.array_equal(self._observations[world], observed)
-            if self._is_over(world) or self.elapsed[world] != elapsed or not is_alike:
-                self.failures.pop(world, None)
-                self.unlike.add(world)
-                self.elapsed[world] = elapsed
-                self._observations[world] = observed
+            elapsed = int(state["elapsed"][row]) if "elapsed" in state else 0
+            if elapsed:
+                commands = state["commands"][row, :elapsed]
+                self._repeat(world, commands, state["observations"][row])
+
         return self._observations
+
+    def _repeat(
+        self, world: int, commands: NDArray[np.float64], observed: NDArray[np.float32]
+    ) -> None:
+        """Applies the commands (steps, action_size) of an episode again in a world.
+
+        The world is in `unlike` if it then does not observe `observed`, or its episode is over.
+        """
+        for command in commands:
+            self._step(world, command)
+
+        is_alike = np.array_equal(self._observations[world], observed)
+        if self._is_over(world) or self.elapsed[world] != len(commands) or not is_alike:
+            self.failures.pop(world, None)
+            self.unlike.add(world)
+            self.elapsed[world] = len(commands)
+            self._observations[world] = observed
 
     def physics(self, world: int) -> ModelAndData | None:
         """Returns the model and data of an environment that has a MuJoCo physics."""
@@ -160,18 +175,21 @@ class DmWorlds(EndingWorlds):
         return ended or world in self.failures
 
     def _begin(self, world: int, seed: int) -> None:
+        """Begins the episode of a seed in a world, which fails if its environment does."""
         self._seeds[world] = seed
         self._commands[world] = []
         self.elapsed[world] = 0
         self.terminated[world] = self.truncated[world] = False
         self.failures.pop(world, None)
         self.unlike.discard(world)
+
         try:
             if self._task.reseeds:
                 self._task.reseed(self.environments[world], seed)
             else:
                 close(self.environments[world])
                 self.environments[world] = self._task.environment(seed)
+
             timestep = self.environments[world].reset()
             self._observe(self._observations[world], timestep.observation)
         except Exception as error:
@@ -190,14 +208,17 @@ class DmWorlds(EndingWorlds):
         except Exception as error:
             self._fail(world, error)
             return 0.0
+
         return reward
 
     def _read_reward(self, timestep: Any) -> float:
+        """Returns the reward of a control step, which must be a number, and perhaps in [0, 1]."""
         reward = np.nan if timestep.reward is None else float(timestep.reward)
         if not np.isfinite(reward):
             raise _FlawError(f"its reward is {reward}")
         if self._task.has_unit_rewards and not -_ROUNDING <= reward <= 1 + _ROUNDING:
             raise _FlawError(f"its reward is {reward}, not in [0, 1]")
+
         return reward
 
     def _note_end(self, world: int, timestep: Any) -> None:
@@ -207,6 +228,7 @@ class DmWorlds(EndingWorlds):
             self.terminated[world] = True
         elif is_last or self.elapsed[world] == self.episode_steps:
             self.truncated[world] = True
+
         is_early = is_last and self.elapsed[world] < self.episode_steps
         if is_early and not self._task.ends_early:
             raise _FlawError("its episode ends before its time limit")
@@ -216,17 +238,22 @@ class DmWorlds(EndingWorlds):
         lacking = [name for name in self._task.parts if name not in values]
         if lacking:
             raise _FlawError(f"its observation lacks {lacking[0]}")
+
         parts = [np.ravel(values[name]) for name in self._task.parts]
-        if (size := sum(map(len, parts))) != len(row):
+        size = sum(map(len, parts))
+        if size != len(row):
             raise _FlawError(f"its observation has {size} values instead of {len(row)}")
+
         observed = np.empty_like(row)
         np.concatenate(parts, out=observed, casting="same_kind")
         if not np.isfinite(observed).all():
             name = next(n for n, value in values.items() if not np.isfinite(value).all())
             raise _FlawError(f"{name} of its observation is not finite")
+
         row[:] = observed
 
     def _fail(self, world: int, error: Exception) -> None:
+        """Notes why the episode of a world can't go on."""
         reason = str(error)
         if not isinstance(error, _FlawError):
             reason = f"it fails ({' '.join(sentence_of_failure(error).split())})"

@@ -2,7 +2,6 @@
 
 import copyreg
 import importlib.util
-import inspect
 import logging
 import re
 from collections.abc import Mapping
@@ -162,7 +161,7 @@ def _made_by(name: str, factory: Any, files: Mapping[str, str]) -> DmTask:
             "dm_env.Environment or a gymnasium.Env."
         )
 
-    takes_random = "random" in inspect.signature(factory).parameters
+    takes_random = "random" in (plugins.parameters(factory) or {})
     return DmTask(
         name,
         lambda seed: factory(random=seed) if takes_random else factory(),

@@ -139,6 +139,22 @@ def test_names_become_the_same_numbers_everywhere(results, tmp_path, known_machi
     assert own < {run.id for run in there.scan("run")[0]}
 
 
+def test_any_number_of_kinds_of_encoders_have_letters(results):
+    """Those of a module have two names, of which the second is in ids."""
+    (encoder,) = results.scan("encoder")[0][:1]
+    blinder = blind.Blinder(set())
+    kinds = [
+        f"lab:{chr(97 + first)}{chr(97 + second)}x" for first in range(5) for second in range(6)
+    ]
+    for kind in [*kinds, *kinds]:
+        encoder.manifest.settings["kind"] = kind
+        blinder.learn([encoder])
+    blinded = [blinder.settings({"kind": kind})["kind"] for kind in kinds]
+    assert blinded[:2] == ["kind-a", "kind-b"]
+    assert blinded[25:28] == ["kind-z", "kind-aa", "kind-ab"]
+    assert len({*blinded}) == len(kinds)
+
+
 def test_name_that_would_be_left_is_refused(results, tmp_path, known_machine, monkeypatch):
     """Such as a label that is the user's name: nothing is written."""
     monkeypatch.setenv("USER", "evaluation")

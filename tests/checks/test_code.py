@@ -47,6 +47,7 @@ def states(document):
         ("third_party_encoder:FirstFeatures", "encoder"),
         ("own_tasks:Integrator", "task"),
         ("other_agents:bang_bang", "policy"),
+        ("builtins:max", "policy"),
         ("pca", "encoder"),
     ],
 )

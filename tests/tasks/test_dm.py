@@ -177,6 +177,17 @@ def test_environment_without_a_model_is_not_drawn():
         _ = RobotEnv(f"{OWN}:Integrator").model
 
 
+def test_environment_that_is_refused_is_closed():
+    with pytest.raises(RequestError, match="two different finite bounds"):
+        find_task(f"{OWN}:CountedUnbounded")
+    assert own_tasks.Counted.opened == 0
+
+
+def test_factory_in_c_is_called_without_arguments():
+    with pytest.raises(RequestError, match="it is a dict, not a dm_env"):
+        find_task("builtins:dict")
+
+
 def test_environments_that_are_replaced_are_closed():
     with find_task(f"{OWN}:Counted").worlds(2) as worlds:
         for _ in range(3):

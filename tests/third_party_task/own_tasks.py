@@ -90,6 +90,10 @@ class Unbounded(Integrator):
     actions = specs.Array((2,), float)
 
 
+class CountedUnbounded(Counted, Unbounded):
+    """Is refused, and counts whether it is closed."""
+
+
 class OneValue(Integrator):
     actions = specs.BoundedArray((2,), float, [-1, 0.5], [1, 0.5])
 

@@ -1,0 +1,171 @@
+"""What a `dm_env` environment says of itself: its observation, the bounds of its actions, its time.
+
+An UnusableError says, as a clause, why jbench can't use an environment.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jbench.errors import RequestError, sentence_of_failure
+
+MAX_EPISODE_STEPS = 100_000
+"""The longest episode of another robot, in control steps."""
+
+_UNBOUNDED = 1e9  # dm_control writes 1e10 for an actuator without limits
+
+
+class UnusableError(Exception):
+    """Why jbench can't use an environment, as a clause without a full stop."""
+
+
+class _UnnamedError(TypeError):
+    """An observation or its specification is no dictionary of names."""
+
+
+class Bounds(NamedTuple):
+    """The bounds of the commands to the actuators, in the environment's units."""
+
+    minimum: NDArray[np.float64]  # (action_size,)
+    maximum: NDArray[np.float64]  # (action_size,)
+
+    def commands(self, actions: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Maps actions (..., action_size), clipped to [-1, 1], to commands between the bounds."""
+        clipped: NDArray[np.float64] = np.clip(actions, -1, 1).astype(np.float64)
+        if (self.minimum == -1).all() and (self.maximum == 1).all():
+            return clipped  # without rounding
+        scaled: NDArray[np.float64] = (clipped + 1) * ((self.maximum - self.minimum) / 2)
+        return self.minimum + scaled
+
+
+def read_parts(environment: Any) -> tuple[dict[str, int], tuple[str, ...]]:
+    """Returns the sizes of the parts of an observation by name, and notes on those left out.
+
+    Raises an UnusableError if the observation has no names or no values.
+    """
+    sizes = _sizes_of_parts(environment)
+    parts = {name: size for name, size in sizes.items() if size}
+    if not parts:
+        raise UnusableError("its observation has no values: give it at least one number")
+
+    empty = [name for name, size in sizes.items() if not size]
+    return parts, tuple(
+        f"{name} of its observation has no values and is left out" for name in empty
+    )
+
+
+def _sizes_of_parts(environment: Any) -> dict[str, int]:
+    """Returns the number of values of each part of an observation, by its name."""
+    try:
+        spec = environment.observation_spec()
+        return {name: math.prod(part.shape) for name, part in _named(spec).items()}
+    except _UnnamedError:
+        raise UnusableError(
+            "its observation has no names: return a dictionary of named arrays"
+        ) from None
+    except RequestError as error:
+        raise UnusableError(str(error)) from None
+    except Exception as error:
+        sizes = _sizes_without_arrays(environment)
+        if sizes is None:
+            reason = f"its observation_spec fails ({sentence_of_failure(error)})"
+            raise UnusableError(reason) from error
+        return sizes
+
+
+def _sizes_without_arrays(environment: Any) -> dict[str, int] | None:
+    """Returns the sizes of an observation that has floats or lists; None if that is not why.
+
+    dm_control makes no specification of floats and lists, though they are numbers.
+    """
+    try:
+        observed = _named(environment.reset().observation)
+        sizes = {name: np.asarray(part, float).size for name, part in observed.items()}
+    except Exception:
+        return None
+
+    has_arrays_only = all(hasattr(part, "shape") for part in observed.values())
+    return None if has_arrays_only else sizes
+
+
+def read_bounds(environment: Any) -> Bounds:
+    """Returns the bounds of the actions.
+
+    Raises an UnusableError if actions are no vector of real numbers, or one has no bounds.
+    """
+    try:
+        spec = environment.action_spec()
+        shape: tuple[int, ...] = getattr(spec, "shape", ())
+        dtype = np.dtype(getattr(spec, "dtype", object))
+    except RequestError as error:
+        raise UnusableError(str(error)) from None
+    except Exception as error:
+        raise UnusableError(f"its action_spec fails ({sentence_of_failure(error)})") from error
+
+    if len(shape) != 1 or not shape[0] or not np.issubdtype(dtype, np.floating):
+        raise UnusableError(
+            f"its actions are {dtype} of shape {shape}; jbench takes a vector of real numbers"
+        )
+
+    minimum = np.full(shape, getattr(spec, "minimum", -np.inf), np.float64)
+    maximum = np.full(shape, getattr(spec, "maximum", np.inf), np.float64)
+    bounded = (np.abs([minimum, maximum]) < _UNBOUNDED).all(axis=0) & (minimum < maximum)
+    if not bounded.all():
+        i = int(np.argmin(bounded))
+        raise UnusableError(
+            f"its action {i} is in [{minimum[i]:g}, {maximum[i]:g}]; give it two different "
+            "finite bounds, which jbench scales to [-1, 1]"
+        )
+
+    return Bounds(minimum, maximum)
+
+
+def measure_episode(environment: Any, bounds: Bounds) -> int:
+    """Returns the control steps after which the time limit truncates an episode.
+
+    An environment that does not say it makes an episode with commands halfway between the bounds.
+    Raises an UnusableError if that fails, or does not show the limit.
+    """
+    limit = getattr(environment, "_step_limit", None)  # of dm_control's Environment
+    if isinstance(limit, float) and math.isfinite(limit):
+        return math.ceil(limit)
+
+    known = getattr(environment, "episode_steps", None)
+    if isinstance(known, int) and known > 0:
+        return known
+
+    command = (bounds.minimum + bounds.maximum) / 2
+    steps = 0
+    is_last = False
+    try:
+        environment.reset()
+        while not is_last and steps < MAX_EPISODE_STEPS:
+            timestep = environment.step(command)
+            is_last = timestep.last()
+            steps += 1
+    except Exception as error:
+        raise UnusableError(f"it fails ({sentence_of_failure(error)})") from error
+
+    if not is_last:
+        raise UnusableError(
+            f"an episode has more than {MAX_EPISODE_STEPS:,} control steps: give it a time limit"
+        )
+
+    if timestep.discount == 0:
+        raise UnusableError(
+            f"its episode terminates at control step {steps}, and its time limit is not known: "
+            "wrap it in gymnasium.wrappers.TimeLimit, or give a dm_env.Environment the "
+            "attribute episode_steps, control steps after which an episode is truncated"
+        )
+
+    return steps
+
+
+def _named(parts: Any) -> Mapping[str, Any]:
+    """Returns parts by name; an _UnnamedError if they have none."""
+    if not isinstance(parts, Mapping) or not parts or not all(parts):
+        raise _UnnamedError
+    return {str(name): part for name, part in parts.items()}

@@ -18,7 +18,7 @@ from jbench.names import NO_ENCODER, OFE, LoggerName, TimeLimit, kind_in, known
 from jbench.recording.recorder import Recording
 from jbench.settings.base import validated
 from jbench.settings.records import ExternalSettings, episode_steps
-from jbench.store import files
+from jbench.store import Results, files
 from jbench.store.planned import planned, say_changed
 from jbench.store.shipped import results_to_write
 from jbench.tasks.find import checked_task, code_provenance, episode_provenance
@@ -71,7 +71,6 @@ def record(
             installed, or the results are the shipped ones.
     """
     place = results_to_write(Path(results))
-    representation = str(encoder)
     typed = {
         "task": task,
         "algo": algo,
@@ -83,42 +82,68 @@ def record(
         "evaluate_episodes": evaluate_episodes,
     }
     fields = {name: _number(value) for name, value in typed.items()}
+    settings = _settings(fields, hyperparameters, str(encoder), place)
+    logger = None if log is None else make_logger(known("log", log, names.LOGGERS), place.path)
+
+    code = {**code_provenance(task), **encoder_code(place, settings.encoder)}
+    records, _ = place.scan("run", _folder(settings))
+    plan = planned(settings, records, code, _FREE)
+    for sentence in say_changed([plan], {record.id for record in records}):
+        print(sentence, file=sys.stderr, flush=True)
+
+    made_on = {"script_sha256": _script_hash(), **episode_provenance(task), **code}
+    if package is not None:
+        made_on.update(_package_provenance(package))
+
+    return Recording(plan.settings, place, made_on, logger)
+
+
+def _settings(
+    fields: dict[str, Any],
+    hyperparameters: Mapping[str, Any] | None,
+    representation: str,
+    results: Results,
+) -> ExternalSettings:
+    """Returns the settings of a run from its typed fields; a RequestError if one is invalid."""
     # A task or label that does not exist is reported before an encoder that does not.
-    checked = fields if evaluate_every is not None else {**fields, "evaluate_every": 1}
-    settings = validated(ExternalSettings, "the run", hyperparameters={}, **checked)
-    fields["specs"] = specs = checked_task(task).specs
-    interval = _evaluation_interval(settings.steps, episode_steps(specs))
-    if evaluate_every is None:
+    is_default = fields["evaluate_every"] is None
+    checked = {**fields, "evaluate_every": 1} if is_default else fields
+    first = validated(ExternalSettings, "the run", hyperparameters={}, **checked)
+
+    specs = checked_task(first.task).specs
+    interval = _evaluation_interval(first.steps, episode_steps(specs))
+    if is_default:
         fields["evaluate_every"] = interval
+
     if representation not in NO_ENCODER:
         if kind_in(representation).rstrip(":") == OFE:
             raise RequestError(
                 f"encoder={representation!r} is learned together with jbench's own agents; choose "
                 "none or an encoder of these results."
             )
-        fields["encoder"] = find_encoder(place, representation, task)
-        fields["representation"] = read_representation(place, fields["encoder"])
+
+        fields["encoder"] = find_encoder(results, representation, first.task)
+        fields["representation"] = read_representation(results, fields["encoder"])
+
     given = {} if hyperparameters is None else hyperparameters
-    fields["hyperparameters"] = _plain_hyperparameters(given, fields["seed"], fields["steps"])
-    settings = validated(ExternalSettings, "the run", **fields)
-    logger = None if log is None else make_logger(known("log", log, names.LOGGERS), place.path)
+    plain = _plain_hyperparameters(given, first.seed, first.steps)
+    return validated(ExternalSettings, "the run", specs=specs, hyperparameters=plain, **fields)
+
+
+def _script_hash() -> str | None:
+    """Returns the SHA-256 of the program; None in a notebook or an interactive session."""
     try:
-        script = files.sha256(Path(sys.modules["__main__"].__file__ or "").read_bytes())
-    except (AttributeError, KeyError, OSError):  # in a notebook or an interactive session
-        script = None
-    code = {**code_provenance(task), **encoder_code(place, settings.encoder)}
-    records, _ = place.scan("run", _folder(settings))
-    plan = planned(settings, records, code, _FREE)
-    settings = plan.settings
-    for sentence in say_changed([plan], {record.id for record in records}):
-        print(sentence, file=sys.stderr, flush=True)
-    made_on: dict[str, Any] = {"script_sha256": script, **episode_provenance(task), **code}
-    if package is not None:
-        try:
-            made_on |= plugins.made_with(package)
-        except importlib.metadata.PackageNotFoundError:
-            raise RequestError(f"package={package!r} is not an installed distribution.") from None
-    return Recording(settings, place, made_on, logger)
+        return files.sha256(Path(sys.modules["__main__"].__file__ or "").read_bytes())
+    except (AttributeError, KeyError, OSError):
+        return None
+
+
+def _package_provenance(package: str) -> dict[str, str | None]:
+    """Returns the version of a distribution; a RequestError if it is not installed."""
+    try:
+        return plugins.made_with(package)
+    except importlib.metadata.PackageNotFoundError:
+        raise RequestError(f"package={package!r} is not an installed distribution.") from None
 
 
 def _folder(settings: ExternalSettings) -> str:
@@ -153,7 +178,7 @@ def _plain_hyperparameters(values: Mapping[str, Any], seed: int, steps: int) -> 
 
 
 def _plain(value: Any, where: str) -> Any:
-    """Returns a setting as JSON has it; a TypeError says which part can't be."""
+    """Returns a setting as JSON has it; a RequestError says which part can't be recorded."""
     value = _number(value)
     if isinstance(value, Mapping) and all(isinstance(name, str) for name in value):
         return {name: _plain(item, f"{where}[{name!r}]") for name, item in value.items()}

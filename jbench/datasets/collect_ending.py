@@ -59,6 +59,7 @@ def _part(
         part.append(episode)
         done += len(episode.rewards)
         progress(done)
+
     return part, None
 
 
@@ -77,12 +78,13 @@ def _episode(
         (observation,), (reward,) = worlds.step(action[None])
         observations.append(observation)
         rewards.append(reward)
+
     return Episode(
-        seed,
-        np.stack(observations),
-        actions[: len(rewards)],
-        np.array(rewards, np.float32),
-        bool(worlds.terminated[0]),
+        seed=seed,
+        observations=np.stack(observations),
+        actions=actions[: len(rewards)],
+        rewards=np.array(rewards, np.float32),
+        is_terminated=bool(worlds.terminated[0]),
     )
 
 

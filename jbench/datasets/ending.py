@@ -107,6 +107,7 @@ def flaw(steps: pa.Table, seeds: pa.Table, episodes: range, longest: int) -> str
     last = np.append(first[1:], len(step)) - 1
     lengths = np.asarray(step[last], np.int64) if len(step) else np.zeros(0, np.int64)
     numbers = np.arange(episodes.start, episodes.stop)
+
     is_whole = len(first) == len(numbers) and np.array_equal(
         step, np.concatenate([np.arange(length + 1) for length in lengths])
     )
@@ -118,20 +119,24 @@ def flaw(steps: pa.Table, seeds: pa.Table, episodes: range, longest: int) -> str
         or (lengths > longest).any()
     ):
         return "other rows than those of whole episodes in their order"
+
     is_last = np.zeros(len(step), bool)
     is_last[last] = True
     made = [name for name in steps.column_names if name.startswith("action") or name == "reward"]
     if not all(np.array_equal(steps[name].is_null(), is_last) for name in (*made, *ENDS)):
         return "a state without its action, or an action after the last state"
+
     ends = sum(steps[name].fill_null(False).to_numpy().astype(int) for name in ENDS)
     if not np.array_equal(ends, np.roll(is_last, -1)):
         return "an episode without its end, or an end within one"
+
     for name in (name for name in steps.column_names if name not in ENDS):
         values = steps[name].drop_null()
         if name not in made and len(values) < len(step):
             return f"empty cells in the column {name}"
         if not np.isfinite(values.to_numpy()).all():
             return "NaN or infinite values"
+
     return None
 
 
@@ -140,11 +145,13 @@ def block(steps: pa.Table, observation_size: int) -> EndingBlock:
     step = steps["step"].to_numpy()
     first = np.flatnonzero(step == 0)
     lengths = np.diff(np.append(first, len(step))) - 1
+
     names = [name for name in steps.column_names[2:] if name not in ENDS]
     values = np.stack([steps[name].fill_null(0).to_numpy() for name in names], axis=-1)
     padded = np.zeros((len(first), lengths.max() + 1, len(names)), np.float32)
     episode = np.repeat(np.arange(len(first)), lengths + 1)
     padded[episode, step] = values
+
     observations, actions, rewards = np.split(padded, [observation_size, len(names) - 1], axis=-1)
     terminated = steps["terminated"].fill_null(False).to_numpy()
     return EndingBlock(

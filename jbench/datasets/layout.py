@@ -20,12 +20,12 @@ Float = NDArray[np.float32]
 
 
 class Block(NamedTuple):
-    """Episodes of a dataset with the observations and rewards of one task, in float32.
+    """Episodes of n control steps with the observations and rewards of one task, in float32.
 
     Attributes:
-        observations: (episodes, 1001, dim(O)), the last after the last action.
-        actions: (episodes, 1000); of another robot (episodes, 1000, action_size).
-        rewards: (episodes, 1000), at the end of each control step.
+        observations: (episodes, n + 1, dim(O)), the last after the last action.
+        actions: (episodes, n); of another robot (episodes, n, action_size).
+        rewards: (episodes, n), at the end of each control step.
     """
 
     observations: Float

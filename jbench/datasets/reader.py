@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from jbench.datasets import ending
 from jbench.datasets.by_robot import find_layout, recorded_robot
-from jbench.datasets.layout import Block
+from jbench.datasets.layout import Block, DatasetLayout
 from jbench.errors import RequestError, WorkError
 from jbench.names import TASKS
 from jbench.settings.base import validated
@@ -81,10 +81,12 @@ class Dataset:
         episodes = self.record.parts(self.layout.episodes)
         if len(steps) != len(episodes):
             raise WorkError(f"The manifest of the dataset {self.id} lacks files; collect it again.")
+
         for part in range(len(self.parts)) if parts is None else parts:
             yield self.parts[part], steps[part], episodes[part]
 
     def _check_lengths(self) -> None:
+        """Raises a RequestError if episodes ended early, so that a block can't have them."""
         if not self.has_one_length:
             raise RequestError(
                 f"Episodes of the dataset {self.id} ended early and have different lengths: read "
@@ -92,13 +94,18 @@ class Dataset:
             )
 
     def observations(self, task: str) -> NDArray[np.float32]:
-        """Returns a task's observations (episodes, 1000, dim(O)) before each action."""
+        """Returns a task's observations (episodes, n, dim(O)) before each of n actions.
+
+        Raises a RequestError if episodes have different lengths, and otherwise as `blocks`.
+        """
         self.check_task(task)
         self._check_lengths()
+
         size = find_task(task).observation_size
         observations = np.empty((self.episodes, self.settings.episode_steps, size), np.float32)
         for episodes, block in zip(self.parts, self.blocks(task), strict=True):
             observations[episodes.start : episodes.stop] = block.observations[:, :-1]
+
         return observations
 
     def check_task(self, task: str) -> None:
@@ -146,32 +153,50 @@ def find_dataset(
     """
     results = results_to_read(results)
     about = find_task(task)
-    layout = find_layout(about.robot)
-    collect = with_results(f"jbench collect{layout.option}", results.name)
-    records, problems = results.scan("dataset")
     if id is not None:
-        id = results.complete_id("dataset", id)
-        record = results.find("dataset", id)
-        if record is None:
-            ids = ", ".join(record.id for record in records)
-            more = f"there are {ids}." if ids else f"run {collect} first."
-            raise RequestError(f"No dataset {id} in {results.name}; {more}")
+        collect = _collect(results, find_layout(about.robot))
+        return Dataset(_named(results, results.complete_id("dataset", id), collect))
 
-        if record.status != "finished":
-            raise RequestError(
-                f"The dataset {id} is unfinished; type the jbench collect command that started it "
-                "to resume it."
-            )
+    return Dataset(_newest(results, about))
 
-        return Dataset(record)
 
-    suitable = [record for record in records if recorded_robot(record) == about.robot]
-    finished = [r for r in suitable if r.status == "finished"]
+def _collect(results: Results, layout: DatasetLayout) -> str:
+    """Returns the command that collects a dataset of a robot."""
+    return with_results(f"jbench collect{layout.option}", results.name)
+
+
+def _named(results: Results, id: str, collect: str) -> Record:
+    """Returns a finished dataset by its id; a RequestError otherwise, which names `collect`."""
+    record = results.find("dataset", id)
+    if record is None:
+        ids = ", ".join(record.id for record in results.scan("dataset")[0])
+        more = f"there are {ids}." if ids else f"run {collect} first."
+        raise RequestError(f"No dataset {id} in {results.name}; {more}")
+
+    if record.status != "finished":
+        raise RequestError(
+            f"The dataset {id} is unfinished; type the jbench collect command that started it "
+            "to resume it."
+        )
+
+    return record
+
+
+def _newest(results: Results, task: Task) -> Record:
+    """Returns the newest finished dataset of a task's robot that is not augmented.
+
+    Raises a RequestError if there is none, or its code has changed.
+    """
+    layout = find_layout(task.robot)
+    collect = _collect(results, layout)
+    records, problems = results.scan("dataset")
+    suitable = [record for record in records if recorded_robot(record) == task.robot]
+    finished = [record for record in suitable if record.status == "finished"]
     if not finished:
         reason = f" ({problems[0]})" if problems else ""
         raise RequestError(
             f"No finished dataset{layout.of_robot} in {results.name}{reason}; run "
-            f"{collect} first (--steps {_small(about)} makes a small one)."
+            f"{collect} first (--steps {_small(task)} makes a small one)."
         )
 
     plain = [record for record in finished if record.settings.get("augment") is None]
@@ -190,4 +215,4 @@ def find_dataset(
             files,
         )
 
-    return Dataset(newest)
+    return newest

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import torch
@@ -16,7 +16,7 @@ from jbench.agents.ending_environments import environments_class
 from jbench.agents.engine import Engine
 from jbench.agents.environments import SeedState
 from jbench.agents.plugin_engine import PluginEngine
-from jbench.checks.checked import NotableError
+from jbench.checks.checked import NamedCheck, NotableError
 from jbench.errors import WorkError
 from jbench.settings.base import settings_with
 from jbench.wording import counted
@@ -34,12 +34,10 @@ _QUICK = {
 }
 """Settings of a rule with which it learns within the first episode, unless others are typed."""
 
-_Engine = TypeVar("_Engine", bound=Engine)
 _Make = Callable[..., Engine]  # takes seeds and a number of environments
-_Check = tuple[str, Callable[[], str]]
 
 
-def agent_checks(name: str, task: str, settings: Mapping[str, Any]) -> Iterator[_Check]:
+def agent_checks(name: str, task: str, settings: Mapping[str, Any]) -> Iterator[NamedCheck]:
     """Yields the checks of an agent."""
     yield "class", partial(_agent_class, name, settings)
     kind = find_class(name)
@@ -55,7 +53,7 @@ def agent_checks(name: str, task: str, settings: Mapping[str, Any]) -> Iterator[
     yield "policy", partial(_policy, make)
 
 
-def rule_checks(name: str, task: str, settings: Mapping[str, Any]) -> Iterator[_Check]:
+def rule_checks(name: str, task: str, settings: Mapping[str, Any]) -> Iterator[NamedCheck]:
     """Yields the checks of an update rule; the engine itself keeps its state."""
     yield "class", partial(_agent_class, name, settings)
     kind: type[Rule] = find_class(name)
@@ -70,7 +68,7 @@ def rule_checks(name: str, task: str, settings: Mapping[str, Any]) -> Iterator[_
     yield "policy", partial(_policy, make)
 
 
-def _checks_of_both(name: str, make: _Make, task: str) -> Iterator[_Check]:
+def _checks_of_both(name: str, make: _Make, task: str) -> Iterator[NamedCheck]:
     """Yields the checks that agents and update rules share."""
     yield "settings", partial(_settings, name)
     yield "made", partial(_made, make, task)

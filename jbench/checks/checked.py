@@ -9,6 +9,10 @@ CheckState = Literal["ok", "note", "fails"]
 """`note`: it works, but some command can do less; `fails`: commands will fail."""
 
 
+NamedCheck = tuple[str, Callable[[], str]]
+"""A name, and a function that returns a sentence, or raises an error that is one."""
+
+
 class Checked(NamedTuple):
     """What was looked at, how it is, and one sentence on it."""
 

@@ -1,7 +1,7 @@
 """Checks of kinds of encoders: training, seeds, both array types, shapes, loading."""
 
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,7 @@ import numpy as np
 import safetensors.numpy
 import torch
 
-from jbench.checks.checked import NotableError
+from jbench.checks.checked import NamedCheck, NotableError
 from jbench.datasets import collect, find_dataset
 from jbench.encoders import load_encoder
 from jbench.encoders.kind import Learned
@@ -30,7 +30,7 @@ _STEPS = 5000
 
 def checks(
     name: str, task: str, options: Mapping[str, Any], latents: int | None
-) -> Iterator[tuple[str, Callable[[], str]]]:
+) -> Iterator[NamedCheck]:
     """Yields the checks of a kind of encoder, and removes what they write."""
     yield "class", partial(_class, name, task, options)
     with tempfile.TemporaryDirectory(prefix="jbench-check-") as folder:

@@ -1,11 +1,11 @@
 """Checks of policies of others."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
 
-from jbench.checks.checked import NotableError
+from jbench.checks.checked import NamedCheck, NotableError
 from jbench.errors import WorkError
 from jbench.policies.find import ActingPolicy, find_policy
 from jbench.store import Results
@@ -15,7 +15,7 @@ _EPISODES = 3
 _STEPS = 100
 
 
-def checks(name: str, task: str) -> Iterator[tuple[str, Callable[[], str]]]:
+def checks(name: str, task: str) -> Iterator[NamedCheck]:
     """Yields the checks of a policy."""
     yield "acts", partial(_acts, name, task)
     yield "episodes", partial(_episodes, name, task)
@@ -29,11 +29,11 @@ def _find(name: str, task: str) -> ActingPolicy:
 def _acts(name: str, task: str) -> str:
     """Checks the shape of actions for any number of robots."""
     policy = _find(name, task)
-    size = find_task(task)
+    about = find_task(task)
     for count in (1, 5):
         policy.reset(count)
-        actions = policy.act(np.zeros((count, size.observation_size), np.float32))
-        if actions.shape != (count, size.action_size):
+        actions = policy.act(np.zeros((count, about.observation_size), np.float32))
+        if actions.shape != (count, about.action_size):
             raise WorkError(f"it returns the shape {actions.shape} for {count} observations.")
     return f"on {task}, for any number of robots"
 
@@ -53,10 +53,9 @@ def _episodes(name: str, task: str) -> str:
 def _returns(name: str, task: str) -> np.ndarray:
     """Returns the returns of some episodes up to a control step, or to their ends before it."""
     policy = _find(name, task)
-    made = find_task(task)
     generators = [np.random.default_rng(seed) for seed in range(_EPISODES)]
     total = np.zeros(_EPISODES)
-    with made.worlds(_EPISODES) as worlds:
+    with find_task(task).worlds(_EPISODES) as worlds:
         observations = worlds.reset(generators)
         policy.reset(_EPISODES)
         for _ in range(_STEPS):

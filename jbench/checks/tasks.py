@@ -1,12 +1,12 @@
 """Checks of tasks of others: an episode, seeds, several worlds at once, speed."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
 
-from jbench.checks.checked import NotableError
+from jbench.checks.checked import NamedCheck, NotableError
 from jbench.errors import WorkError
 from jbench.tasks.find import checked_task, find_task
 
@@ -14,7 +14,7 @@ _STEPS = 100
 _SLOW = 5e-3  # seconds of a control step
 
 
-def checks(name: str) -> Iterator[tuple[str, Callable[[], str]]]:
+def checks(name: str) -> Iterator[NamedCheck]:
     """Yields the checks of a task."""
     yield "made", partial(_made, name)
     yield "episode", partial(_episode, name)

@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from statistics import fmean
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from rich.cells import cell_len
 from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
@@ -16,9 +16,6 @@ from rich.text import Text
 
 from jbench.commands.tables import shortened
 from jbench.wording import duration
-
-if TYPE_CHECKING:
-    pass
 
 _SPARKLINE = 16  # characters
 _BARS = "▁▂▃▄▅▆▇█"

@@ -36,6 +36,15 @@ def mean_over_run(points: _Floats) -> float | None:
     return float(finite.mean()) if len(finite) else None
 
 
+def diverged_return(training: _Floats) -> float:
+    """Returns what a run that diverged counts with from then on, also as its final return.
+
+    It is 0, the lowest return of most tasks, or the lowest of its training returns (episodes,) if
+    that is negative: on a task whose returns are costs, 0 would be a success.
+    """
+    return float(np.min(training, initial=0.0, where=np.isfinite(training)))
+
+
 def last_evaluation_return(evaluations: NDArray[np.int32], returns: _Floats) -> float | None:
     """Returns the mean return of the last evaluation; None if none of its returns is finite.
 

@@ -6,19 +6,24 @@ from collections.abc import Sequence
 from operator import attrgetter
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
+import pyarrow.compute as pc
 
 from jbench.names import Order, ReturnsName
 from jbench.report.configurations import seed_frame
 from jbench.report.data import sources
 from jbench.report.data.configuration import Configuration, with_returns
 from jbench.report.data.curves import QUANTILES, Curve
-from jbench.report.data.long_frame import Part, long_frame
+from jbench.report.data.points import Part, long_frame
 from jbench.report.data.returns import KINDS
 from jbench.report.request import WINDOW, Request
+from jbench.returns import last_evaluation_return
 from jbench.settings.base import validated
 from jbench.settings.recorded import Run, flatten, parse_run
+from jbench.statistics import FloatArray
 from jbench.store import Results, query
+from jbench.store.evaluations import ADDED
 from jbench.store.shipped import results_to_read
 
 _RUN = [
@@ -101,7 +106,10 @@ class OpenedResults:
         finals = seeds.pivot(index=["source", "run"], columns="returns", values="final")
         finals = finals.reindex(columns=[*KINDS]).add_suffix("_return")
         runs = source.runs[_RUN].reset_index(drop=True).join(finals, on=["source", "run"])
-        runs = runs.join(source.at_end, on=["source", "run"])
+        # No episodes are added to a run that diverged: see `returns.diverged_return`.
+        has_diverged = source.runs["diverged"].notna().to_numpy()
+        at_end = _returns_at_end(source)
+        runs["evaluation_return_at_end"] = np.where(has_diverged, runs["evaluation_return"], at_end)
         settings = _settings([parse_run(text) for text in source.runs["settings"]])
         return runs.join(settings.drop(columns=runs.columns, errors="ignore"))
 
@@ -155,6 +163,19 @@ class OpenedResults:
         for problem in source.problems:
             warnings.warn(problem, stacklevel=3)
         return source
+
+
+def _returns_at_end(source: sources.Source) -> FloatArray:
+    """Returns the `last_evaluation_return` (runs,) without the episodes of `jbench evaluate`.
+
+    It is NaN for a run without evaluations.
+    """
+    rows = source.evaluations.filter(pc.field("episode") < ADDED).to_pandas(use_threads=False)
+    ends = {
+        run: last_evaluation_return(of["evaluation"].to_numpy(), of["episode_return"].to_numpy())
+        for run, of in rows.groupby("run")
+    }
+    return np.array(source.runs["run"].map(ends), np.float64)
 
 
 def _points(configuration: Configuration, curve: Curve, per_seed: bool) -> list[Part]:

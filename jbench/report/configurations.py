@@ -11,7 +11,7 @@ from jbench.report.analysis.findings import decide_solved
 from jbench.report.analysis.scores import seed_scores
 from jbench.report.data.configuration import ID, IMPORTED, Configuration
 from jbench.report.data.curves import NAMES, Curve, SeedCurve, best_median, centers
-from jbench.report.data.long_frame import long_frame
+from jbench.report.data.points import long_frame
 from jbench.report.data.returns import SOLVED, TRAINING, display_name
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st

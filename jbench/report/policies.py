@@ -14,7 +14,7 @@ from jbench.names import HEURISTIC, TASKS
 from jbench.report.analysis.claims import examine_solving
 from jbench.report.analysis.findings import Finding
 from jbench.report.data.configuration import Configuration, in_order
-from jbench.report.data.long_frame import Part, long_frame
+from jbench.report.data.points import Part, long_frame
 from jbench.settings.records import CODE
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st

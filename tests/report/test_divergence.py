@@ -2,6 +2,7 @@
 
 import numpy as np
 
+import jbench
 from jbench.report.analysis.scores import seed_scores
 from jbench.report.data.returns import EVALUATION
 from jbench.report.frames import Frames
@@ -71,6 +72,25 @@ def test_frames_count_diverged_seeds_and_note_their_treatment(fabric):
     assert sorted(runs["seed"]) == [3, 7]
     assert set(runs["diverged"]) == {"after 5,000 control steps, update 7, critic_loss"}
     assert found.seeds[found.seeds["diverged"]]["final"].tolist() == [0] * 4  # of both kinds
+
+
+def test_diverged_run_counts_with_its_lowest_return_where_returns_are_negative(fabric):
+    costs = np.linspace(-1600.0, -200.0, 40)
+    task = {"task": "gym:Pendulum-v1"}
+    fabric.run(costs, 0, evaluated={40_000: -150.0}, **task)
+    bad = fabric.run([-900.0, -1200.0, np.nan], 1, steps=40_000, diverged=3000, **task)
+    (cell,), _ = fabric.configurations()
+    assert cell.returns[1, 3:].tolist() == [-1200.0] * 37
+    (note,) = [note for note in cell.notes if "diverged" in note]
+    assert note.endswith("from its divergence on, a seed counts with its lowest training return")
+    (cell,), _ = fabric.configurations(EVALUATION)
+    assert cell.returns.tolist() == [[-150.0], [-1200.0]]
+
+    opened = jbench.open(fabric.results.path)
+    rows = opened.query("SELECT * FROM final_returns").set_index("run")
+    names = ["evaluation_return", "evaluation_return_at_end", "training_return"]
+    assert rows.loc[bad.id, names].tolist() == [-1200.0] * 3
+    assert opened.runs().set_index("run").loc[bad.id, names].tolist() == [-1200.0] * 3
 
 
 def test_invalid_divergence_entry_is_tolerated(fabric):

@@ -14,7 +14,7 @@ import pandas as pd
 from jbench.report.data.common_steps import means_over_run
 from jbench.report.data.configuration import ID, IMPORTED, Configuration, in_order
 from jbench.report.data.curves import final_returns
-from jbench.report.data.long_frame import long_frame
+from jbench.report.data.points import long_frame
 from jbench.report.data.returns import EVALUATION, FILE
 from jbench.statistics import BoolArray, FloatArray
 from jbench.statistics import bootstrap as st

@@ -1,7 +1,7 @@
 """Builds configurations from rows of the database, with notes on unusual runs.
 
-A run that diverged counts with return 0 from then on. If diverged seeds were left out, an algorithm
-that diverges half of the time would look as good as one that never does.
+A run that diverged counts with the `diverged_return` from then on. If diverged seeds were left out,
+an algorithm that diverges half of the time would look as good as one that never does.
 """
 
 import json
@@ -15,8 +15,9 @@ import pyarrow as pa
 from jbench.names import ReturnsName
 from jbench.report.data.code import note_changes, recorded_code, split_by_code
 from jbench.report.data.configuration import KEY, OWN, Configuration, paper_order
-from jbench.report.data.points import NOTHING, count_divergence, run_points, stacked
+from jbench.report.data.points import FIELDS, NOTHING, count_divergence, run_points, stacked
 from jbench.report.data.returns import EVALUATION, FILE, TRAINING
+from jbench.returns import diverged_return
 from jbench.settings.code_words import code_dates
 from jbench.settings.recorded import comparable, parse_run
 from jbench.settings.variants import CUT, chosen_words, variant_words
@@ -26,6 +27,7 @@ from jbench.wording import are, counted
 
 _ORDER = ["seed", "recorded", "steps", "run"]
 _ASCENDING = [True, False, False, True]
+_RETURN = FIELDS.index("returns")
 _NAMES = {TRAINING: ("episode", "return"), EVALUATION: ("evaluation", "evaluation")}
 
 PointsByKind = Mapping[ReturnsName, Mapping[str, FloatArray]]
@@ -86,6 +88,7 @@ def build(
         recorded=recorded,
         diverged=[at for at, _ in ends],
         divergence=[words for _, words in ends],
+        lowest=[diverged_return(points[TRAINING].get(r, NOTHING)[:, _RETURN]) for r in runs["run"]],
         typed=pd.Series([parse_run(text) for text in runs["settings"]], runs.index, object),
     )
     # Evaluation does not affect training, so runs that differ only in it are one configuration.
@@ -149,7 +152,8 @@ def _build(
             longest = int(used["steps"].fillna(0).max())
             length = used["typed"].iloc[0].episode_steps
             at = used["diverged"].to_numpy(float)
-            stacks = count_divergence(stacks, at, longest, kind, length)
+            lowest = used["lowest"].to_numpy(float)
+            stacks = count_divergence(stacks, at, lowest, longest, kind, length)
 
         config = Configuration(kind, used, stacks, source, words)
         config.notes = (*notes, *_notes_on_points(config, absent.sum(axis=1)))
@@ -181,9 +185,11 @@ def _notes_on_runs(
     diverged = chosen[chosen["diverged"].notna()]
     if len(diverged):
         which = ", ".join("seed " + diverged["seed"].astype(str) + " " + diverged["divergence"])
+        is_negative = (diverged["lowest"] < 0).any()
+        lowest = "its lowest training return" if is_negative else "return 0, the minimum"
         notes.append(
             f"{len(diverged)} of {len(chosen)} diverged ({which}): from its divergence on, a seed "
-            "counts with return 0, the minimum"
+            f"counts with {lowest}"
         )
 
     for ended in ("failed", "unfinished"):

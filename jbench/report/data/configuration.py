@@ -46,8 +46,8 @@ ID = (
 class Configuration:
     """The runs of a configuration, one per seed, and their points of one kind of return.
 
-    A point is a training episode or an evaluation. A seed that diverged counts with return 0, the
-    minimum, at every point after its divergence, up to the end of the other seeds.
+    A point is a training episode or an evaluation. A seed that diverged counts with the
+    `diverged_return` at every point after its divergence, up to the end of the other seeds.
 
     Attributes:
         returns: (seeds, points) returns; NaN after a run's end, or if not finite.

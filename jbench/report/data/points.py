@@ -1,6 +1,10 @@
-"""Points of runs in order: training episodes and evaluations, with diverged runs as zeros."""
+"""Points of runs: from rows of tables to arrays, and from arrays to rows of a frame.
 
-from collections.abc import Mapping, Sequence
+A point is a training episode, or the mean over an evaluation.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -19,6 +23,9 @@ PATHS = ("run", "evaluation", "control_steps", *_POSES)
 FIELDS = ["returns", "control_steps", "processor_time", "deviations", "counts"]
 Points = Mapping[str, FloatArray]  # (seeds, points) arrays by field
 NOTHING = np.empty((0, len(FIELDS)))  # points of a run without any
+
+Part = tuple[Mapping[str, Any], Mapping[str, Any]]
+"""Of a frame: names of its rows, and arrays (rows,) by column."""
 
 
 def run_paths(paths: pa.Table | None, evaluations: pa.Table) -> pd.DataFrame:
@@ -93,12 +100,22 @@ def stacked(runs: Sequence[FloatArray], kind: ReturnsName) -> dict[str, FloatArr
 
 
 def count_divergence(
-    points: Points, at: FloatArray, planned: int, kind: ReturnsName, episode_steps: int
+    points: Points,
+    at: FloatArray,
+    lowest: FloatArray,
+    planned: int,
+    kind: ReturnsName,
+    episode_steps: int,
 ) -> dict[str, FloatArray]:
     """Returns the points with diverged seeds extended to the end of the others, or as planned.
 
-    They diverged `at` control steps (seeds,); NaN if they did not. `episode_steps` are those of an
-    episode.
+    Args:
+        points: (seeds, points) arrays by field.
+        at: control steps (seeds,) after which they diverged; NaN if they did not.
+        lowest: return (seeds,) that they count with from then on; see `diverged_return`.
+        planned: control steps of a run.
+        kind: of the returns.
+        episode_steps: control steps of an episode.
     """
     planned = max(planned, int(np.nanmax(at)))
     if np.isfinite(at).all():
@@ -119,11 +136,25 @@ def count_divergence(
         late = ~present[row] & (grid >= at[row])
         if not (present[row] | late).any():
             late[-1] = True
-        zero = late | (present[row] & (control_steps[row] > at[row]))
+        after = late | (present[row] & (control_steps[row] > at[row]))
         control_steps[row, late] = grid[late]
-        returns[row, zero] = 0.0
+        returns[row, after] = lowest[row]
         points["counts"][row, late] = 1.0
         if kind == EVALUATION:
-            points["deviations"][row, zero] = 0.0
+            points["deviations"][row, after] = 0.0
 
     return dict(points)
+
+
+def long_frame(parts: Iterable[Part], columns: Sequence[str]) -> pd.DataFrame:
+    """Returns the arrays of all parts below each other; a row has the names of its part."""
+    pairs = [(names, arrays) for names, arrays in parts if len(next(iter(arrays.values())))]
+    if not pairs:
+        return pd.DataFrame(columns=[*columns])
+
+    names = pd.DataFrame([names for names, _ in pairs])
+    sizes = [len(next(iter(arrays.values()))) for _, arrays in pairs]
+    # Texts are repeated once for all parts, which is much faster than a frame for each.
+    rows = names.loc[names.index.repeat(sizes)].reset_index(drop=True)
+    joined = {name: np.concatenate([arrays[name] for _, arrays in pairs]) for name in pairs[0][1]}
+    return rows.assign(**joined).reindex(columns=[*columns])

@@ -21,7 +21,6 @@ from jbench.report.data.configuration import IMPORTED, OWN, Configuration, paper
 from jbench.report.data.points import PATHS, POINT, run_paths
 from jbench.report.data.returns import EVALUATION, FILE
 from jbench.report.request import Request, setting, settings_typed
-from jbench.returns import last_evaluation_return
 from jbench.settings.code_words import encoder_words
 from jbench.settings.recorded import flatten, parse_run
 from jbench.settings.variants import value_text
@@ -45,6 +44,9 @@ _COLUMNS = {
     "evaluations": ("run", "evaluation", "episode", *POINT),
     "paths": PATHS,
 }
+_EVALUATED = pa.schema(
+    [schema.EVALUATIONS.field(n) for n in ("run", "evaluation", "episode", "episode_return")]
+)
 
 
 @dataclass
@@ -57,7 +59,7 @@ class Source:
     problems: list[str]  # a sentence for each unreadable record
     tables: dict[str, pd.DataFrame]  # of encoders, policies, metrics; of others than results empty
     paths: pd.DataFrame  # see `run_paths`
-    at_end: pd.Series  # see `returns_at_end`
+    evaluations: pa.Table  # rows of the table `evaluations`, those of `jbench evaluate` included
     shared: str = ""  # hyperparameters of all runs that are not the defaults, if names lack them
 
 
@@ -70,7 +72,7 @@ def joined(parts: Sequence[Source]) -> Source:
         [problem for part in parts for problem in part.problems],
         parts[0].tables,
         pd.concat([part.paths for part in parts], ignore_index=True),
-        pd.concat([part.at_end for part in parts]),
+        pa.concat_tables([part.evaluations for part in parts]),
     )
 
 
@@ -185,31 +187,15 @@ def _source(
     encoders = _encoder_words(tables["encoders"])
     built, more = build(runs, episodes, evaluations, name, encoders) if len(runs) else ([], [])
     _note_added_episodes(built, evaluations)
-    at_end = returns_at_end(runs, evaluations)
-    return Source(built, runs, notes + more, [*read.problems, *unusable], tables, paths, at_end)
+    evaluated = evaluations.select(_EVALUATED.names).cast(_EVALUATED)
+    problems = [*read.problems, *unusable]
+    return Source(built, runs, notes + more, problems, tables, paths, evaluated)
 
 
 def _encoder_words(encoders: pd.DataFrame) -> dict[str, str]:
     """Returns the names of encoders that differ only in the code of their kind, by id."""
     settings = map(json.loads, encoders["settings"])
     return encoder_words(zip(encoders["encoder"], settings, encoders["created"], strict=True))
-
-
-def returns_at_end(runs: pd.DataFrame, evaluations: pa.Table) -> "pd.Series[float]":
-    """Returns, by source and run, its `last_evaluation_return` without added episodes.
-
-    Of a run that diverged it is 0, as in the table `final_returns`.
-    """
-    own = evaluations.filter(pc.field("episode") < ADDED)
-    rows = own.select(["run", "evaluation", "episode_return"]).to_pandas(use_threads=False)
-    rows = rows.astype({"run": str})
-    ends = {
-        run: last_evaluation_return(of["evaluation"].to_numpy(), of["episode_return"].to_numpy())
-        for run, of in rows.groupby("run")
-    }
-    returns = runs["run"].map(ends).astype(float)
-    returns = returns.mask(runs["diverged"].notna(), 0.0).rename("evaluation_return_at_end")
-    return returns.set_axis(pd.MultiIndex.from_frame(runs[["source", "run"]]))
 
 
 def _note_added_episodes(built: Sequence[Configuration], evaluations: pa.Table) -> None:

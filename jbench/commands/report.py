@@ -209,7 +209,7 @@ def _report(database: "Results", out: Path, request: Request) -> None:
 
 def _print_verdicts(title: str, matrix: "VerdictMatrix") -> None:
     """Prints the verdicts on some representations."""
-    from jbench.report.columns import OBSERVED
+    from jbench.report.table import OBSERVED
 
     rows = []
     for about, group in matrix.groups.items():

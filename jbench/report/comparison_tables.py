@@ -1,10 +1,21 @@
 """Tables of what was compared: verdicts, planned decisions, two sides or methods, and claims."""
 
 from jbench.report.analysis.claims import paper_claims
-from jbench.report.columns import ALGO, INTERVAL, OBSERVED, SEEDS, TASK
 from jbench.report.data.returns import ratio, signed, steps
 from jbench.report.frames import Frames
-from jbench.report.table import Column, FrameRow, Table, estimate, number, plain
+from jbench.report.table import (
+    ALGO,
+    INTERVAL,
+    OBSERVED,
+    SEEDS,
+    TASK,
+    Column,
+    FrameRow,
+    Table,
+    estimate,
+    number,
+    plain,
+)
 from jbench.statistics.bootstrap import DECIDING_SEEDS
 from jbench.studies.deciding import MARGIN
 

@@ -15,9 +15,8 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from jbench.report.columns import TASK
 from jbench.report.data.returns import fixed, signed, whole
-from jbench.report.table import Column, Form, FrameRow, Table
+from jbench.report.table import TASK, Column, Form, FrameRow, Table
 
 _LONG_NAME = 16  # characters; a column with a longer text has lines
 _NAME_WIDTH = "7em"  # of them

@@ -1,4 +1,7 @@
-"""Tables: frames with the columns that people read, as text, Markdown and CSV."""
+"""Tables: frames with the columns that people read, as text, Markdown and CSV.
+
+Below are the columns that several tables have.
+"""
 
 import io
 from collections.abc import Callable, Mapping, Sequence
@@ -11,11 +14,14 @@ import pyarrow as pa
 from pyarrow import csv
 
 from jbench.errors import RequestError
-from jbench.report.data.returns import clean, map_texts, whole
+from jbench.report.data.returns import clean, map_texts, steps, whole
 from jbench.wording import not_formula
 
 FrameRow = Mapping[Any, Any]
 Form = Callable[[Any], str]
+
+INTERVAL = "In brackets: 95% interval."
+"""What the captions of tables with intervals say."""
 
 _MARKDOWN = str.maketrans({**{c: f"\\{c}" for c in "\\|`*"}, "<": "&lt;", "&": "&amp;"})
 
@@ -127,3 +133,19 @@ def number(
 def estimate(title: str, key: str, form: Form = whole, note: str = "") -> Column:
     """Returns a column of numbers with their intervals, whose ends are …_low and …_high."""
     return number(title, key, form, (f"{key}_low", f"{key}_high"), note)
+
+
+def _range(row: FrameRow) -> str:
+    """Returns the control steps of the shortest and the longest run, once if they are equal."""
+    return "\N{EN DASH}".join(dict.fromkeys((steps(row["steps_min"]), steps(row["steps"]))))
+
+
+TASK = plain("task")
+ALGO = plain("algorithm", "algo")
+OBSERVED = Column(
+    "representation",
+    "representation",
+    lambda row: ", ".join(filter(None, (row["representation"], row["words"]))),
+)
+SEEDS = number("seeds", "seeds", str)
+RANGE = Column("steps", "steps", _range, numeric=True)

@@ -4,7 +4,6 @@ import pandas as pd
 
 from jbench.names import in_prose
 from jbench.report.analysis.scores import NORMALIZED
-from jbench.report.columns import ALGO, INTERVAL, OBSERVED, RANGE, SEEDS, TASK
 from jbench.report.comparison_tables import (
     claims_table,
     comparisons_table,
@@ -15,7 +14,20 @@ from jbench.report.data.configuration import OWN
 from jbench.report.data.returns import FILE, SOLVED, TRAINING, ratio, steps
 from jbench.report.encoders import PREDICTED
 from jbench.report.frames import Frames
-from jbench.report.table import Column, FrameRow, Table, estimate, number, plain
+from jbench.report.table import (
+    ALGO,
+    INTERVAL,
+    OBSERVED,
+    RANGE,
+    SEEDS,
+    TASK,
+    Column,
+    FrameRow,
+    Table,
+    estimate,
+    number,
+    plain,
+)
 from jbench.statistics.bootstrap import DECIDING_SEEDS
 
 _FINAL = {
@@ -23,6 +35,9 @@ _FINAL = {
     "training": "Mean return of a run's last 100 training episodes, exploration included, or of "
     "its last quarter if that is shorter.",
 }
+_DIVERGED = (
+    "Diverged: seeds that count from then on as 0, or as their lowest return if that is negative."
+)
 
 
 def tables(frames: Frames) -> list[Table]:
@@ -84,9 +99,7 @@ def _final_returns(frames: Frames) -> Table:
         SEEDS,
         number("draws", "draws", _count, note="Draws: encoders that were trained for these seeds."),
         RANGE,
-        number(
-            "diverged", "diverged", _count, note="Diverged: seeds that count as 0 from then on."
-        ),
+        number("diverged", "diverged", _count, note=_DIVERGED),
         estimate("median", "median"),
         estimate("IQM", "iqm", note="IQM: mean without the lowest and highest quarter of seeds."),
         estimate(

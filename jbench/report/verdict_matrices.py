@@ -90,7 +90,7 @@ def _verdict(row: Mapping[Any, Any], reach: float) -> dict[str, Any]:
     value, low, high = (rounded(row[name]) for name in ("value", "low", "high"))
     interval = f" [{low}, {high}]" if np.isfinite([row["low"], row["high"]]).all() else ""
     enough = row["seeds"] >= DECIDING_SEEDS and np.isfinite(row["corrected_low"])
-    undecided = "undecided" if enough else "needs more"
+    undecided = "undecided" if enough else "too few seeds"
     ends = ("value", "low", "high", "corrected_low", "corrected_high")
     places = {name: at(row[name]) for name in ends}
     return {

@@ -187,7 +187,7 @@ def test_page_says_where_a_run_came_from_and_what_is_missing(fabric):
     add_runs(fabric, seeds=3)
     found = Frames(fabric.results)
     text = page.render(found, charts(found))
-    assert "? needs more " in text
+    assert "? too few seeds " in text
     (data,) = re.findall(r'id="runs-data">(.*)</script>', text)
     data = json.loads(data)
     origins = [data["origins"][number] for number in data["runs"][0]["origin"]]

@@ -284,6 +284,15 @@ def test_young_page_shows_both_representations_at_once(fabric, opened, tmp_path)
     assert "variability" not in shown.locator("main").inner_text()
 
 
+def test_long_name_in_a_legend_leaves_the_only_panel_its_width(fabric, opened, tmp_path):
+    common = {"batch_size": 64, "hidden_layers": [128, 128], "learning_starts": 5000}
+    for rate in (1e-3, 1e-4, 1e-5):
+        add_runs(fabric, "full", hyperparameters={"learning_rate": rate, **common})
+    figure = opened(written(Frames(fabric.results), tmp_path)).page.locator("#algorithms")
+    panel = figure.locator(".panels").bounding_box()
+    assert panel["width"] > 0.7 * figure.bounding_box()["width"]
+
+
 def test_watched_page_reloads_itself_and_links_no_files(fabric, opened, tmp_path):
     add_runs(fabric, "full")
     shown = opened(written(Frames(fabric.results, Request(watched=True)), tmp_path)).page

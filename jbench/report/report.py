@@ -5,10 +5,12 @@ list but not in the next report, and its content is unchanged. Files that someon
 changed are kept.
 """
 
+import contextlib
 import gc
 import io
 import json
 import re
+import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
@@ -27,6 +29,8 @@ from jbench.store.files import make_directory, open_plain, remove, sha256, write
 LISTING = "report.json"
 _NAME = re.compile(r"((figures|tables)/)?[A-Za-z0-9_][A-Za-z0-9_.-]*")
 _MAX_LISTING = 1 << 22  # bytes
+_GLYPH = re.compile(r"Glyph (\d+) ")
+"""Beginning of matplotlib's warning of a character that a font lacks."""
 
 
 class WrittenReport(NamedTuple):
@@ -52,10 +56,6 @@ def write_report(results: Results | None, out: Path, request: Request = DEFAULT)
         RequestError: if there are no runs, none passes the filters, or `out` is not writable.
         WorkError: if there are runs but none can be read, or the disk is full.
     """
-    from jbench.report.figures import charts  # matplotlib takes a second
-    from jbench.report.page import render
-    from jbench.report.style import image
-
     gc.disable()  # which takes 5 to 8% of the time of 200 runs and frees nearly nothing
 
     try:
@@ -63,27 +63,62 @@ def write_report(results: Results | None, out: Path, request: Request = DEFAULT)
         on_page = notes(frames)  # before anything is written, since it may raise an error
         pa.default_memory_pool().release_unused()  # memory of the rows that were read
         make_directory(out)  # before anything is drawn, since it may raise an error
-        texts = {} if request.watched else dict(table_files(frames))
-        made = charts(frames)
-        files = {"index.html": render(frames, made).encode()}
-        if not request.watched:
-            for chart in made:
-                drawn = chart.figure(request.columns)
-                name = f"figures/{chart.name}"
-                for ending in request.formats:
-                    files[f"{name}.{ending}"] = image(drawn, ending)
-
-            for name, text in texts.items():
-                files[f"tables/{name}"] = text.encode()
-            curves = pa.Table.from_pandas(frames.curves, preserve_index=False, nthreads=1)
-            pq.write_table(curves, sink := io.BytesIO(), compression="zstd")
-            files["tables/curves.parquet"] = sink.getvalue()
-
+        with _missing_characters() as missing:
+            files = _contents(frames)
         paths, kept = _write(out, files)
     finally:
         gc.enable()
 
-    return WrittenReport(frames, paths, [*on_page, *kept])
+    boxes = []
+    if missing and not request.watched:
+        characters = " ".join(sorted(missing))
+        boxes = [f"The font of the figures' files lacks {characters}, which are boxes there."]
+    return WrittenReport(frames, paths, [*on_page, *boxes, *kept])
+
+
+def _contents(frames: Frames) -> dict[str, bytes]:
+    """Returns the content of each file, by its name."""
+    from jbench.report.figures import charts  # matplotlib takes a second
+    from jbench.report.page import render
+    from jbench.report.style import image
+
+    request = frames.request
+    texts = {} if request.watched else dict(table_files(frames))
+    made = charts(frames)
+    files = {"index.html": render(frames, made).encode()}
+    if request.watched:
+        return files
+
+    for chart in made:
+        drawn = chart.figure(request.columns)
+        for ending in request.formats:
+            files[f"figures/{chart.name}.{ending}"] = image(drawn, ending)
+
+    for name, text in texts.items():
+        files[f"tables/{name}"] = text.encode()
+
+    curves = pa.Table.from_pandas(frames.curves, preserve_index=False, nthreads=1)
+    pq.write_table(curves, sink := io.BytesIO(), compression="zstd")
+    files["tables/curves.parquet"] = sink.getvalue()
+    return files
+
+
+@contextlib.contextmanager
+def _missing_characters() -> Iterator[set[str]]:
+    """Yields a set that has in the end the characters that a font lacks, of which matplotlib warns.
+
+    Other warnings are shown at the end.
+    """
+    missing: set[str] = set()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.filterwarnings("always", _GLYPH.pattern)
+        yield missing
+
+    for one in caught:
+        if match := _GLYPH.match(str(one.message)):
+            missing.add(chr(int(match[1])))
+        else:
+            warnings.warn_explicit(one.message, one.category, one.filename, one.lineno)
 
 
 def table_files(frames: Frames) -> Iterator[tuple[str, str]]:

@@ -2,6 +2,7 @@
 
 import itertools
 import re
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -225,6 +226,22 @@ def test_files_have_the_width_of_a_column_and_the_same_bytes(fabric, columns, wi
         if ending == "pdf":
             assert b"/Type3" not in content
             assert b"/CIDFontType2" in content or b"/TrueType" in content
+
+
+def test_long_titles_and_large_returns_are_written_whole(fabric):
+    for algo in ("td3", "sac"):
+        fabric.run(np.linspace(0, 2e9, 8), task="a task with a name, of many words", algo=algo)
+    (chart,) = [c for c in charts(Frames(fabric.results)) if c.name == "algorithms"]
+    (panel,) = chart.panels
+    title = f"{panel.title}, with settings=1, that=2, have=3"
+    figure = replace(chart, panels=[replace(panel, title=title)]).figure(columns=1)
+    figure.draw_without_rendering()
+    (axes,) = figure.axes
+    assert axes.get_title("left").replace("\n", " ") == title
+    assert axes.get_tightbbox().x1 <= figure.bbox.x1
+    # matplotlib would write 1e9 over the title.
+    assert axes.yaxis.get_offset_text().get_text() == ""
+    assert "2000000000" in [label.get_text() for label in axes.get_yticklabels()]
 
 
 def test_svg_of_a_page_has_no_style_no_double_id_and_a_title_for_each_mark(fabric):

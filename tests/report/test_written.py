@@ -53,6 +53,14 @@ def test_watched_report_writes_only_page(filled, out):
     assert sorted(path.name for path in out.iterdir()) == ["index.html", "report.json"]
 
 
+def test_characters_that_the_font_lacks_are_noted_once(fabric, out, recwarn):
+    fabric.run(FLAT[:8], task="robot 🤖")
+    written = write_report(fabric.results, out, SVG)
+    assert "The font of the figures' files lacks 🤖, which are boxes there." in written.notes
+    assert not [warning for warning in recwarn if "Glyph" in str(warning.message)]
+    assert "🤖" in (out / "index.html").read_text("utf-8")
+
+
 def test_names_with_path_separators_write_no_file_outside(fabric, out):
     for name in ("face_direction", "x/../../../etc/passwd"):
         for representation in ("full", "x/../../y"):

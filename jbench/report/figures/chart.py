@@ -1,5 +1,6 @@
 """A figure: panels that are drawn by matplotlib, for the page one by one, for files together."""
 
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -21,6 +22,10 @@ Draw = Callable[[Axes], None]
 # Fields of a chart whose panels have names beside their rows.
 ROWS: Any = {"columns": 2, "alike": False, "minimum": 440}
 _WIDTHS = {1: 3.5, 2: 7.15, None: 9.0}  # of a file in inches, by columns of a paper
+# Of a title in a file, in inches: what is left of it, its usual character, and a line of it.
+_LABELS = 0.45
+_CHARACTER = 0.064
+_LINE = 0.14
 
 
 @dataclass(frozen=True)
@@ -57,16 +62,22 @@ class Chart:
 
         down = -(-len(self.panels) // across)
         usual = 0.68 * min(width / across, 4)
-        sizes = [panel.size[1] if panel.size[1] > 3 else usual for panel in self.panels]
+        titles = [_wrapped(panel.title, width / across) for panel in self.panels]
+        sizes = [
+            (panel.size[1] if panel.size[1] > 3 else usual) + _LINE * title.count("\n")
+            for panel, title in zip(self.panels, titles, strict=True)
+        ]
         heights = [max(sizes[row * across : (row + 1) * across]) for row in range(down)]
-        per_row = max(1, int(width / (0.42 + 0.062 * max(map(len, self.legend), default=1))))
+        names = marks.shortened(self.legend)
+        per_row = max(1, int(width / (0.42 + 0.062 * max(map(len, names), default=1))))
         legend_rows = -(-len(self.legend) // per_row)
         with mpl.rc_context(style.PAPER):
             figure = Figure(figsize=(width, sum(heights) + 0.17 * legend_rows + 0.1))
             grid = figure.subplots(down, across, squeeze=False, height_ratios=heights)
-            for i, (axes, panel) in enumerate(zip(grid.flat, self.panels, strict=False)):
+            drawn = zip(grid.flat, self.panels, titles, strict=False)
+            for i, (axes, panel, title) in enumerate(drawn):
                 next(iter(panel.versions.values()))(axes)
-                axes.set_title(panel.title)
+                axes.set_title(title)
                 if self.alike and i % across:
                     axes.set_ylabel("")
                 if self.alike and i + across < len(self.panels):
@@ -76,19 +87,7 @@ class Chart:
             for axes in grid.flat[len(self.panels) :]:
                 axes.remove()
             if self.legend:
-                entries = [
-                    Line2D([], [], color=look.color, linestyle=look.line, marker=look.marker)
-                    for look in self.legend.values()
-                ]
-                figure.legend(
-                    entries,
-                    marks.shortened(self.legend),
-                    loc="outside upper left",
-                    ncols=-(-len(entries) // legend_rows),
-                    handlelength=1.8,
-                    columnspacing=1.2,
-                    borderaxespad=0,
-                )
+                self._add_legend(figure, names, -(-len(self.legend) // legend_rows))
 
             # Placed once, or each format would place it and draw it twice.
             ConstrainedLayoutEngine().execute(figure)
@@ -98,6 +97,27 @@ class Chart:
             collection.set_urls([None])
 
         return figure
+
+    def _add_legend(self, figure: Figure, names: Sequence[str], columns: int) -> None:
+        """Adds the legend above the panels, with these names, in columns."""
+        entries = [
+            Line2D([], [], color=look.color, linestyle=look.line, marker=look.marker)
+            for look in self.legend.values()
+        ]
+        figure.legend(
+            entries,
+            names,
+            loc="outside upper left",
+            ncols=columns,
+            handlelength=1.8,
+            columnspacing=1.2,
+            borderaxespad=0,
+        )
+
+
+def _wrapped(title: str, inches: float) -> str:
+    """Returns a title in lines that fit above a panel, which has labels on its left."""
+    return textwrap.fill(title, int((inches - _LABELS) / _CHARACTER), break_on_hyphens=False)
 
 
 def by_task(

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import takewhile
-from typing import Any
+from typing import Any, Literal
 
 import matplotlib as mpl
 import numpy as np
@@ -100,13 +100,18 @@ def add_solved(axes: Axes, rows: pd.DataFrame) -> None:
         axes.axvline(SOLVED, color=style.SOFT, linewidth=0.7)
 
 
-def set_returns(axes: Axes, rows: pd.DataFrame, low: float, high: float, name: str = "y") -> None:
+def set_returns(
+    axes: Axes, rows: pd.DataFrame, low: float, high: float, name: Literal["x", "y"] = "y"
+) -> None:
     """Sets the range of an axis of returns from 0, as far as they reach, or to a solved task's.
 
-    The range of returns that may be anything, as of a file, is matplotlib's.
+    The range of returns that may be anything, as of a file, is matplotlib's. Its ticks
+    are written out: a factor such as 1e9 would stand over the title.
     """
     if not has_return_range(rows["task"], rows["source"]):
+        axes.ticklabel_format(axis=name, style="plain", useOffset=False)
         return
+
     usual = 1000.0 if has_solved_return(rows["task"], rows["source"]) else 0.0
     top = high * (1.05 if high > usual else 1.0)
     limits = min(0.0, low * 1.05), max(usual, top) or 1.0

@@ -16,15 +16,26 @@ from torch.nn import functional
 
 import jbench  # jbench
 
+DEFAULTS = {
+    "seed": 1,
+    "total_timesteps": 100_000,
+    "learning_starts": 10_000,
+    "batch_size": 256,
+    "hidden": 256,
+    "learning_rate": 3e-4,
+    "gamma": 0.99,
+    "tau": 0.005,
+    "exploration_noise": 0.1,
+    "policy_noise": 0.2,
+    "noise_clip": 0.5,
+    "policy_delay": 2,
+}
+
 
 def parse_arguments() -> argparse.Namespace:
     """Returns the settings of the run."""
     parser = argparse.ArgumentParser()
-    for name, default in {
-        **{"seed": 1, "total_timesteps": 100_000, "learning_starts": 10_000, "batch_size": 256},
-        **{"hidden": 256, "learning_rate": 3e-4, "gamma": 0.99, "tau": 0.005},
-        **{"exploration_noise": 0.1, "policy_noise": 0.2, "noise_clip": 0.5, "policy_delay": 2},
-    }.items():
+    for name, default in DEFAULTS.items():
         parser.add_argument(f"--{name.replace('_', '-')}", type=type(default), default=default)
     return parser.parse_args()
 
@@ -55,8 +66,13 @@ def main() -> None:
     args = parse_arguments()
     torch.manual_seed(args.seed)
     rng = np.random.default_rng(args.seed)
-    run = {"seed": args.seed, "steps": args.total_timesteps, "hyperparameters": vars(args)}
-    with jbench.record("face_direction", algo="cleanrl-td3", **run) as recording:  # jbench
+    with jbench.record(  # jbench
+        "face_direction",
+        algo="cleanrl-td3",
+        seed=args.seed,
+        steps=args.total_timesteps,
+        hyperparameters=vars(args),
+    ) as recording:
         same_step = gym.vector.AutoresetMode.SAME_STEP
         envs = gym.vector.SyncVectorEnv([recording.env], autoreset_mode=same_step)  # jbench
         size = envs.single_observation_space.shape[0]

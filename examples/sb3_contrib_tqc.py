@@ -21,8 +21,13 @@ def main() -> None:
     parser.add_argument("--learning-starts", type=int, default=10_000)
     parser.add_argument("--hidden", type=int, default=256)
     args = parser.parse_args()
-    run = {"seed": args.seed, "steps": args.total_timesteps, "hyperparameters": vars(args)}
-    with jbench.record("face_direction", algo="tqc", **run) as recording:  # jbench
+    with jbench.record(  # jbench
+        "face_direction",
+        algo="tqc",
+        seed=args.seed,
+        steps=args.total_timesteps,
+        hyperparameters=vars(args),
+    ) as recording:
         model = TQC(
             "MlpPolicy",
             recording.env(),  # jbench

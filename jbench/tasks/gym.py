@@ -57,7 +57,8 @@ class RobotEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             render_mode: "rgb_array", "human", or None for no pictures.
             camera: name of a camera of the model, or "free" for one that sees all of it; None for
                 `tracking` of the Jitterbug, and another robot's first.
-            width, height: of a picture, in pixels, at least 1.
+            width: of a picture, in pixels, at least 1.
+            height: of a picture, in pixels, at least 1.
             augment: seed of an augmented robot's morphology, or None for the plain robot; only
                 tasks of the Jitterbug have these.
             vary_masses: whether to vary the augmented robot's densities and gear as well.

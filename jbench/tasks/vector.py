@@ -64,7 +64,8 @@ class RobotVectorEnv(
             threads: threads that step the Jitterbug, all cores by default; results are the same.
                 Robots of other packages are stepped in the caller's.
             render_mode: "rgb_array", or None for no pictures.
-            augment, vary_masses: of the robot, see `RobotEnv`.
+            augment: seed of an augmented robot's morphology, see `RobotEnv`.
+            vary_masses: whether to vary its densities and gear as well.
             view: camera, width and height, see `RobotEnv`.
 
         Raises:

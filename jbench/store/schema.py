@@ -162,7 +162,7 @@ TABLES = {
         error: string, why a run failed
         {_MANIFEST}
     """),
-    # Of a run that diverged they are its `diverged_return`.
+    # Of a run that diverged they are its `returns.diverged_return`.
     "final_returns": columns("""
         run: string | seed: int64
         evaluation_return training_return: float64, sum of rewards; null if there is none

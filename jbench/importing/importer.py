@@ -1,6 +1,7 @@
 """Reads all files of an import, then writes a record for each seed."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -50,27 +51,40 @@ def import_curves(
             raise RequestError(f"{same.path} and {path} have the same content; name one of them.")
 
     by_seed: dict[int, list[Series]] = {}
-    read, _ = FORMATS[request.format]
     for file in by_hash.values():
-        for series in read(file, request):
+        for series in FORMATS[request.format].read(file, request):
             _check_points(series.points, file, request.task)
             _check_steps(series, request)
             by_seed.setdefault(series.seed, []).append(series)
 
-    imported = []
-    for settings, rows, names in [_curve(parts, request) for _, parts in sorted(by_seed.items())]:
-        points, steps = rows[["point", "control_steps"]].iloc[-1]
+    curves = [_curve(parts, request) for _, parts in sorted(by_seed.items())]
+    return [_written(curve, results) for curve in curves]
+
+
+@dataclass(frozen=True)
+class _Curve:
+    """The learning curve of a seed, before it is written."""
+
+    settings: ImportSettings
+    rows: pd.DataFrame  # of the table `import_points`
+    files: list[str]  # names of the files that it was read from
+
+
+def _written(curve: _Curve, results: Results) -> Imported:
+    """Writes a record of a curve, unless there is one."""
+    settings = curve.settings
+    with results.locked("import", settings.id) as existing:
+        is_new = existing is None or existing.status != "finished"
+        points, steps = curve.rows[["point", "control_steps"]].iloc[-1]
         last = {"points": int(points) + 1, "control_steps": int(steps)}
-        with results.locked("import", settings.id) as existing:
-            is_new = existing is None or existing.status != "finished"
-            if is_new:
-                record = results.create("import", settings.id, settings.values, {"files": names})
-                record.append({"import_points": to_table(rows, schema.TABLES["import_points"])})
-                record.finish(last)
+        if is_new:
+            made_from = {"files": curve.files}
+            record = results.create("import", settings.id, settings.values, made_from)
+            table = to_table(curve.rows, schema.TABLES["import_points"])
+            record.append({"import_points": table})
+            record.finish(last)
 
-        imported.append(Imported(settings.id, settings.seed, **last, is_new=is_new))
-
-    return imported
+    return Imported(settings.id, settings.seed, **last, is_new=is_new)
 
 
 def _check_points(points: pd.DataFrame, file: ImportedFile, task: str) -> None:
@@ -122,7 +136,7 @@ def _check_steps(series: Series, request: ImportRequest) -> None:
         )
 
     # Episodes of several environments may end at one step, which a log of training says.
-    in_log = request.format in ("sb3-monitor", "tensorboard") or request.returns == "training"
+    in_log = FORMATS[request.format].is_log or request.returns == "training"
     if "point" in points or (series.returns == "training" and in_log):
         return
 
@@ -142,11 +156,9 @@ def _check_steps(series: Series, request: ImportRequest) -> None:
         )
 
 
-def _curve(
-    parts: Sequence[Series], request: ImportRequest
-) -> tuple[ImportSettings, pd.DataFrame, list[str]]:
-    """Returns the settings of an import, its rows, and the names of its files."""
-    _, order = FORMATS[request.format]
+def _curve(parts: Sequence[Series], request: ImportRequest) -> _Curve:
+    """Returns the curve of a seed, whose points are in one file or in several."""
+    order = FORMATS[request.format].ordered_by
     if order is not None:
         # The id must not depend on the order in which the files are named.
         parts = sorted(
@@ -177,7 +189,7 @@ def _curve(
     printable = ["".join(c if c.isprintable() else "_" for c in name) for name in names]
     points = _joined(parts, order)
     points["import"] = settings.id
-    return settings, points, printable
+    return _Curve(settings, points, printable)
 
 
 def _joined(parts: Sequence[Series], order: str | None) -> pd.DataFrame:

@@ -6,12 +6,14 @@ A `RequestError` says what is wrong with a file that is cut off or not of its fo
 import io
 import json
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from jbench.errors import RequestError
+from jbench.importing.event_file import read_event_file
 from jbench.importing.request import RETURN, STEPS, TAGS, ImportRequest
 from jbench.importing.tables import ImportedFile, check_column, numbers, read_table, seeds
 from jbench.names import TASKS, ImportFormat, ReturnsName
@@ -23,7 +25,6 @@ _NOT_CONTROL_STEPS = ("Step", "Wall Time", "Relative Time (Wall)", "Relative Tim
 _NO_METRICS = ("__MIN", "__MAX", "_step", "_runtime", "_timestamp")
 _MAX_TIME = 1e12  # s since 1970; excludes NaN and infinity
 _ARRAYS = ("timesteps", "results", "ep_lengths")
-_FRAME = 16  # bytes of a record of TensorBoard around its data: its length, and two checksums
 
 
 class Series(NamedTuple):
@@ -211,9 +212,9 @@ def read_evaluations(file: ImportedFile) -> pd.DataFrame:
 
 def _read_events(file: ImportedFile, request: ImportRequest) -> list[Series]:
     """Returns the values of one tag of TensorBoard; their time is that of the clock, in s."""
-    read = _scalars(file)
+    events = read_event_file(file)
     tag = request.tag
-    scalars = read.scalars
+    scalars = events.scalars
     if not scalars:
         raise RequestError(f"{file.path} has no scalars; leave the file out.")
 
@@ -227,71 +228,36 @@ def _read_events(file: ImportedFile, request: ImportRequest) -> list[Series]:
     names = ["control_steps", "wall_time", "episode_return"]
     points = pd.DataFrame(scalars[tags[0]], columns=names).rename_axis("value")
     points.index += 1
-    seed = request.seed_in(str(file.path))
-    kind = request.returns_kind(tags[0])
-    return [Series(file, seed, kind, points, {"return": tags[0]}, read.resumed_at)]
+    series = Series(
+        file=file,
+        seed=request.seed_in(str(file.path)),
+        returns=request.returns_kind(tags[0]),
+        points=points,
+        columns={"return": tags[0]},
+        resumed_at=events.resumed_at,
+    )
+    return [series]
 
 
-class _Events(NamedTuple):
-    """The scalars of a TensorBoard file: step, time in s and value, by tag.
+@dataclass(frozen=True)
+class Format:
+    """A format of files.
 
-    A writer with `purge_step` marks a training that was resumed: from there on, earlier values are
-    replaced, those of earlier files as well.
+    Attributes:
+        read: returns the learning curves of a file, or the parts of them that it has.
+        ordered_by: column whose first value orders the files of a seed; None: it has only one.
+        is_log: whether it is a log of training, in which several episodes may end at one step.
     """
 
-    scalars: dict[str, list[tuple[int, float, float]]]
-    resumed_at: float  # the first such step; infinite if there is none
+    read: Callable[[ImportedFile, ImportRequest], list[Series]]
+    ordered_by: str | None = None
+    is_log: bool = False
 
 
-def _scalars(file: ImportedFile) -> _Events:
-    """Reads a TensorBoard file as TensorBoard does."""
-    try:
-        from tensorboard.backend.event_processing.event_file_loader import RawEventFileLoader
-        from tensorboard.compat.proto.event_pb2 import Event, SessionLog
-        from tensorboard.data_compat import migrate_event
-        from tensorboard.util.tensor_util import make_ndarray
-    except ImportError:
-        raise RequestError(
-            'TensorBoard is not installed; type pip install "jbench[tensorboard]".'
-        ) from None
-    scalars = dict[str, list[tuple[int, float, float]]]()
-    plugins = dict[str, str]()
-    end = 0
-    resumed_at = np.inf
-    for record in RawEventFileLoader(str(file.path)).Load():
-        end += _FRAME + len(record)
-        event = migrate_event(Event.FromString(record))
-        if event.HasField("session_log") and event.session_log.status == SessionLog.START:
-            resumed_at = min(resumed_at, event.step)
-            for tag, values in scalars.items():
-                scalars[tag] = [value for value in values if value[0] < event.step]
-        for value in event.summary.value:
-            # Only the first value of a tag says which plugin the tag belongs to.
-            plugin = plugins.setdefault(value.tag, value.metadata.plugin_data.plugin_name)
-            if plugin == "scalars":
-                try:
-                    number = float(make_ndarray(value.tensor).item())
-                except (TypeError, ValueError):
-                    raise RequestError(
-                        f"{file.path}: a value of {value.tag[:40]!r} is not one number."
-                    ) from None
-                scalars.setdefault(value.tag, []).append((event.step, event.wall_time, number))
-    # The loader stops at a damaged record without a message.
-    if end != len(file.content):
-        raise RequestError(
-            f"{file.path} is cut off or damaged after {end:,} bytes, or no file of TensorBoard."
-        )
-    return _Events({tag: values for tag, values in scalars.items() if values}, resumed_at)
-
-
-_Reader = Callable[[ImportedFile, ImportRequest], list[Series]]
-
-FORMATS: dict[ImportFormat, tuple[_Reader, str | None]] = {
-    "sb3-monitor": (_read_monitor, "wall_time"),
-    "sb3-evaluations": (_read_evaluations, None),
-    "tensorboard": (_read_events, "control_steps"),
-    "wandb-csv": (_read_wandb, None),
-    "csv": (_read_csv, None),
+FORMATS: dict[ImportFormat, Format] = {
+    "sb3-monitor": Format(_read_monitor, ordered_by="wall_time", is_log=True),
+    "sb3-evaluations": Format(_read_evaluations),
+    "tensorboard": Format(_read_events, ordered_by="control_steps", is_log=True),
+    "wandb-csv": Format(_read_wandb),
+    "csv": Format(_read_csv),
 }
-"""The reader of each, and the column whose first value orders the files of a seed; None: it has
-only one."""

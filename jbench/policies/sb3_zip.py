@@ -7,6 +7,8 @@ pickled objects in the file are loaded, so no code in the file runs.
 import io
 import json
 import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +22,31 @@ from jbench.policies.saved import Float, SavedLayer, SavedNetwork
 from jbench.tasks.find import find_task
 from jbench.wording import counted
 
-_ACTORS = {
-    "actor.mu.": ("actor.latent_pi.", "ReLU", [SavedLayer("tanh")]),  # SAC, TQC; DDPG, TD3
-    "action_net.": ("mlp_extractor.policy_net.", "Tanh", []),  # PPO, A2C, TRPO
-}
-"""By the beginning of the names of an actor's last weights: that of the weights before them, the
-default activation, and what is applied to the output. DDPG and TD3 have all in the last ones."""
+
+@dataclass(frozen=True)
+class _ActorForm:
+    """How stable-baselines3 names the weights of an actor, and what it does between them.
+
+    Attributes:
+        last: beginning of the names of the last weights, or of all.
+        hidden: beginning of the names of those before them, if they have another.
+        activation: of the hidden layers, by torch's name, unless the file names another.
+        output: layers that are applied to the last linear one.
+    """
+
+    last: str
+    hidden: str
+    activation: str
+    output: Sequence[SavedLayer] = ()
+
+
+_DETERMINISTIC = _ActorForm("actor.mu.", "actor.latent_pi.", "ReLU", [SavedLayer("tanh")])
+"""Of SAC and TQC; DDPG and TD3 have all weights in the last ones."""
+
+_STOCHASTIC = _ActorForm("action_net.", "mlp_extractor.policy_net.", "Tanh")
+"""Of PPO, A2C and TRPO."""
+
+_FORMS = (_DETERMINISTIC, _STOCHASTIC)
 
 _ACTIVATIONS = {
     type(module).__name__: module_layers(module)[0]
@@ -81,19 +102,23 @@ def _layers(data: dict[str, Any], weights: dict[str, Float]) -> list[SavedLayer]
     if any(part in name for name in weights for part in ("features_extractor.", "shared_net.")):
         raise UnsupportedPolicyError("it has a features extractor of its own")
 
-    last = next((p for p in _ACTORS if any(name.startswith(p) for name in weights)), None)
-    if last is None:
+    has = (form for form in _FORMS if any(name.startswith(form.last) for name in weights))
+    form = next(has, None)
+    if form is None:
         raise UnsupportedPolicyError("its actor is not that of DDPG, TD3, SAC, PPO or the like")
 
-    hidden, activation, output = _ACTORS[last]
     # It is recorded as <class 'torch.nn.modules.activation.ELU'>.
-    typed = (data.get("policy_kwargs") or {}).get("activation_fn") or activation
+    typed = (data.get("policy_kwargs") or {}).get("activation_fn") or form.activation
     name = str(typed).rpartition(".")[2].strip("'>")
     if name not in _ACTIVATIONS:
         raise UnsupportedPolicyError(f"its activation {name} is not known")
 
-    first, *others = [*_linear(hidden, weights), *_linear(last, weights)]
-    return [first, *(layer for linear in others for layer in (_ACTIVATIONS[name], linear)), *output]
+    first, *others = [*_linear(form.hidden, weights), *_linear(form.last, weights)]
+    layers = [first]
+    for linear in others:
+        layers += [_ACTIVATIONS[name], linear]
+
+    return [*layers, *form.output]
 
 
 def _linear(prefix: str, weights: dict[str, Float]) -> list[SavedLayer]:

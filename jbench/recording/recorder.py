@@ -16,7 +16,7 @@ from torch import nn
 from jbench.errors import RequestError, WorkError
 from jbench.loggers.logger import Logger, copying_rows
 from jbench.policies.actors import Actor, UnsupportedPolicyError, acting, copy_module
-from jbench.recording.writer import RecordedEnvironment, RunWriter, as_numbers
+from jbench.recording.writer import KeptPolicy, RecordedEnvironment, RunWriter, as_numbers
 from jbench.settings.records import ExternalSettings
 from jbench.store import Results, schema
 from jbench.tasks.find import find_task
@@ -62,6 +62,7 @@ class Recording:
         self._logger = logger
         self._process = os.getpid()
         self._writer: RunWriter | None = None
+        self._environments = 0  # made in this block
 
     def __repr__(self) -> str:
         """The id of the run."""
@@ -201,7 +202,7 @@ class Recording:
         else:
             raise UnsupportedPolicyError(f"a {type(actor).__name__} is not a torch module")
 
-        writer.kept = copied, writer.control_steps
+        writer.kept = KeptPolicy(copied, writer.control_steps)
 
     def sb3_callback(self) -> "BaseCallback":
         """Returns a callback for `learn` of a model of stable-baselines3, or of sb3-contrib.

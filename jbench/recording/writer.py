@@ -2,7 +2,7 @@
 
 import contextlib
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
@@ -26,6 +26,13 @@ _COMMIT_EVERY = 15.0  # s
 _COMPLETE = 0.99
 
 
+class KeptPolicy(NamedTuple):
+    """A copy of a policy, and the control steps of the run when it was copied."""
+
+    policy: SavedNetwork
+    control_steps: int
+
+
 class RunWriter:
     """Writes a recorded run; the caller holds the lock of its record."""
 
@@ -34,7 +41,7 @@ class RunWriter:
         self.control_steps = 0  # over all environments
         self.log = RunLog(record)
         self.losses: dict[str, Any] = {}  # of the next episodes; read when one ends
-        self.kept: tuple[SavedNetwork, int] | None = None  # after how many control steps
+        self.kept: KeptPolicy | None = None
         self._record = record
         self._settings = settings
         self._encoder = encoder
@@ -106,12 +113,11 @@ class RunWriter:
         evaluated = False
         files = dict[str, bytes]()
         if self.kept is not None:
-            policy, copied_at = self.kept
-            newest = self.log.progress.last_evaluation <= copied_at
+            newest = self.log.progress.last_evaluation <= self.kept.control_steps
             evaluated = newest and self._settings.evaluate_episodes > 0
-            files = policy.files()
+            files = self.kept.policy.files()
             if evaluated:
-                self.evaluate(policy.act, copied_at)
+                self.evaluate(self.kept.policy.act, self.kept.control_steps)
 
         self._clock.share([self.log])
         self.log.commit()

@@ -42,7 +42,14 @@ _POINT = ("x", "y", "z")
 
 def _number(value: Callable[[State, Target], Array], unit: str, high: float) -> Feature:
     """Returns a feature of one number, which changes its sign in the mirror."""
-    return Feature(lambda *of: value(*of)[..., None], ("",), (unit,), (-high,), (high,), (-1,))
+    return Feature(
+        value=lambda state, target: value(state, target)[..., None],
+        axes=("",),
+        units=(unit,),
+        low=(-high,),
+        high=(high,),
+        mirror=(-1,),
+    )
 
 
 FEATURES = {

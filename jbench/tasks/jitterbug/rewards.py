@@ -26,7 +26,8 @@ _NONE_KNOWN: Features = {}
 
 def upright_reward(state: State) -> Array:
     """Returns a Gaussian tolerance of the cosine of the torso's tilt; 1 if upright."""
-    x, y = state.position[..., 4], state.position[..., 5]
+    x = state.position[..., 4]
+    y = state.position[..., 5]
     return _gaussian(2 * (x * x + y * y), _UPRIGHT_MARGIN)
 
 
@@ -47,22 +48,39 @@ def speed_reward(speed: Array) -> Array:
     return (speed / _FULL_SPEED).clip(0, 1)
 
 
+def _upright(state: State, target: Target, known: Features) -> Array:
+    """Returns the term (...) of a robot that stands."""
+    return upright_reward(state)
+
+
+def _near(state: State, target: Target, known: Features) -> Array:
+    """Returns the term (...) of a robot at its target."""
+    return near_reward(state, target)
+
+
+def _away(state: State, target: Target, known: Features) -> Array:
+    """Returns the term (...) of a robot far from its target."""
+    return 1 - near_reward(state, target)
+
+
 def _heading(state: State, target: Target, known: Features) -> Array:
+    """Returns the term (...) of a robot that faces as its target does."""
     if "angle_to_target" in known:
         return heading_reward(known["angle_to_target"][..., 0])
     return heading_reward(geometry.angle_to_target(state, target))
 
 
 def _speed(state: State, target: Target, known: Features) -> Array:
+    """Returns the term (...) of a robot that moves as its target points."""
     if "speed_in_target_frame" in known:
         return speed_reward(known["speed_in_target_frame"][..., 0])
     return speed_reward(geometry.speed_in_target_frame(state, target)[..., 0])
 
 
 _REWARDS: dict[str, Callable[[State, Target, Features], Array]] = {
-    "away": lambda state, target, known: 1 - near_reward(state, target),
-    "upright": lambda state, target, known: upright_reward(state),
-    "near": lambda state, target, known: near_reward(state, target),
+    "away": _away,
+    "upright": _upright,
+    "near": _near,
     "heading": _heading,
     "speed": _speed,
 }

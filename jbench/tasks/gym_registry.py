@@ -3,7 +3,7 @@
 import importlib
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pkgutil import resolve_name
 from typing import Any
@@ -58,10 +58,33 @@ def find_environment(name: str) -> RegisteredEnvironment:
     """Returns the environment of a task such as gym:Pendulum-v1,g=9.8.
 
     Raises:
-        RequestError: if there is none of this id, or an argument is not NAME=VALUE.
+        RequestError: if there is none of this id, or an argument is not NAME=VALUE or given twice.
         WorkError: if the module that registers it fails.
     """
     id, *options = name.removeprefix(GYM).split(",")
+    arguments = _arguments(name, options)
+    registering, _, registered = id.rpartition(":")
+    if registering:
+        _register(name, registering)
+
+    try:
+        spec = gymnasium.spec(registered)
+    except (gymnasium.error.Error, ImportError) as error:
+        reason = " ".join(str(error).split()).rstrip(".")
+        raise RequestError(f"Gymnasium has no environment {id}: {reason}.") from None
+
+    entry = spec.entry_point
+    if isinstance(entry, str):
+        implementing = entry.partition(":")[0]
+    else:
+        implementing = getattr(entry, "__module__", "")
+
+    modules = tuple(filter(None, dict.fromkeys((implementing, registering))))
+    return RegisteredEnvironment(id, arguments, modules, entry)
+
+
+def _arguments(name: str, options: Iterable[str]) -> dict[str, Any]:
+    """Returns the arguments of `gymnasium.make` that are typed as NAME=VALUE, each once."""
     arguments: dict[str, Any] = {}
     for option in options:
         key, is_given, value = option.partition("=")
@@ -70,25 +93,16 @@ def find_environment(name: str) -> RegisteredEnvironment:
                 f"{name}: {option!r} is no argument of gymnasium.make; type NAME=VALUE after the "
                 "comma."
             )
+
+        if key in arguments:
+            raise RequestError(f"{name} has the argument {key} twice; type it once.")
+
         try:
             arguments[key] = json.loads(value)
         except ValueError:
             arguments[key] = value
-    registering, _, registered = id.rpartition(":")
-    if registering:
-        _register(name, registering)
-    try:
-        spec = gymnasium.spec(registered)
-    except (gymnasium.error.Error, ImportError) as error:
-        reason = " ".join(str(error).split()).rstrip(".")
-        raise RequestError(f"Gymnasium has no environment {id}: {reason}.") from None
-    entry = spec.entry_point
-    if isinstance(entry, str):
-        implementing = entry.partition(":")[0]
-    else:
-        implementing = getattr(entry, "__module__", "")
-    modules = tuple(filter(None, dict.fromkeys((implementing, registering))))
-    return RegisteredEnvironment(id, arguments, modules, entry)
+
+    return arguments
 
 
 def _register(name: str, module: str) -> None:

@@ -28,6 +28,7 @@ LAB = "tests.gym_tasks"
         ("gym:Pendulun-v1", "Gymnasium has no environment Pendulun-v1"),
         ("gym:nowhere:Cart-v0", "gym:nowhere:Cart-v0: there is no module nowhere; install its"),
         ("gym:Pendulum-v1,g", "'g' is no argument of gymnasium.make; type NAME=VALUE"),
+        ("gym:Pendulum-v1,g=9.8,g=1", "has the argument g twice; type it once"),
         ("Pendulum-v1", "did you mean gym:Pendulum-v1?"),
     ],
 )

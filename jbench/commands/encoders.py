@@ -1,6 +1,7 @@
 """The commands train-encoder and train-dae, which is the same with another help."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from itertools import product
 from pathlib import Path
@@ -10,6 +11,7 @@ from typer import Option
 
 from jbench import names
 from jbench.commands import options, output, parsing
+from jbench.commands.encoder_tables import show_errors, show_explained
 from jbench.wording import counted, with_results
 
 if TYPE_CHECKING:
@@ -21,7 +23,6 @@ if TYPE_CHECKING:
     from jbench.store import Record, Results
 
 _FAR_LESS = 0.1  # of the variance
-_EPOCHS = 20  # rows of a table, about
 _TRIAL = 1000  # episodes; who collects fewer first tries what comes next
 
 
@@ -92,13 +93,19 @@ def train_encoder(
     }
     assigned = (f"{name}={value}" for name, value in typed.items() if value is not None)
     given = parsing.parse_overrides([*assigned, *set_])
-    tasks = names.TASKS if task == "all" else (task,)
-    seeds = names.parse_numbers(seed)
+    wanted = _Wanted(
+        kinds=kind,
+        options=given,
+        base=settings,
+        latent=latent,
+        tasks=names.TASKS if task == "all" else (task,),
+        seeds=names.parse_numbers(seed),
+    )
     # Wrong requests are refused before a dataset is missed.
-    _planned(kind, given, settings, latent, tasks, seeds, None)
-    source = find_dataset(database, dataset, tasks[0])
+    _planned(wanted, None)
+    source = find_dataset(database, dataset, wanted.tasks[0])
     read = lru_cache(1)(partial(States, source, scale=given.get("scale", "dataset")))
-    planned = _planned(kind, given, settings, latent, tasks, seeds, source)
+    planned = _planned(wanted, source)
     if latent is None:
         planned = [_counted(encoder, read(encoder.task, encoder.seed)) for encoder in planned]
 
@@ -110,7 +117,7 @@ def train_encoder(
         for encoder in planned
     ]
     for record in records if verbose else ():
-        _show_errors(record)
+        show_errors(record)
 
     show_explained(records)
     first = planned[0]
@@ -199,15 +206,27 @@ def _counted(encoder: "EncoderSettings", states: "States") -> "EncoderSettings":
     return encoder.model_copy(update={"latents": count})
 
 
-def _planned(
-    kinds: str,
-    typed: dict[str, Any],
-    base: names.EncoderBase | None,
-    latent: str | None,
-    tasks: Sequence[str],
-    seeds: Sequence[int],
-    source: "Dataset | None",
-) -> list["EncoderSettings"]:
+@dataclass(frozen=True)
+class _Wanted:
+    """The encoders that a user wants.
+
+    Attributes:
+        kinds: names with commas.
+        options: of the kinds, those that were typed.
+        base: source of the other options.
+        latent: numbers of latents as typed, or None for 12 or the only size.
+        tasks, seeds: an encoder for each.
+    """
+
+    kinds: str
+    options: dict[str, Any]
+    base: names.EncoderBase | None
+    latent: str | None
+    tasks: Sequence[str]
+    seeds: Sequence[int]
+
+
+def _planned(wanted: _Wanted, source: "Dataset | None") -> list["EncoderSettings"]:
     """Returns the settings of an encoder for each task, seed, kind and number of latents.
 
     If any kind has several sizes, --latent is ignored for kinds that have only one. The dataset is
@@ -216,24 +235,28 @@ def _planned(
     from jbench.encoders.registry import latent_sizes
     from jbench.encoders.settings import encoder_settings
 
-    numbers = names.parse_numbers(latent or "12", "--latent", "12, or 2,4,8, or 1-16")
+    typed = wanted.options
+    numbers = names.parse_numbers(wanted.latent or "12", "--latent", "12, or 2,4,8, or 1-16")
     known = dict.fromkeys(
-        name.lower() if name.lower() in names.ENCODER_KINDS else name for name in kinds.split(",")
+        name.lower() if name.lower() in names.ENCODER_KINDS else name
+        for name in wanted.kinds.split(",")
     )
+
     planned = []
-    for task in tasks:
+    for task in wanted.tasks:
         possible = {kind: list(latent_sizes(kind, task, typed)) for kind in known}
         only = {kind: sizes for kind, sizes in possible.items() if len(sizes) == 1}
-        if latent is not None and len(only) == len(known):
+        if wanted.latent is not None and len(only) == len(known):
             only.clear()
-        for seed, kind in product(seeds, known):
+
+        for seed, kind in product(wanted.seeds, known):
             planned += [
                 encoder_settings(
                     kind,
                     typed,
                     task=task,
                     seed=seed,
-                    base=base,
+                    base=wanted.base,
                     episodes=source.episodes if source else None,
                     mean_steps=source.control_steps / source.episodes if source else None,
                     latents=size,
@@ -243,55 +266,3 @@ def _planned(
             ]
 
     return planned
-
-
-_ERRORS = {
-    "encoder_errors": "Errors on held-out episodes and on those of the hand-written policy",
-    "encoder_predictions": "R² of the next control step, and effective rank of the latents",
-    "encoder_epochs": "Mean squared error by epoch (scaled features)",
-    "encoder_features": "Mean squared error of each scaled feature on held-out episodes and on "
-    "those of the hand-written policy",
-}
-
-
-def _show_errors(record: "Record") -> None:
-    """Prints what an encoder loses of each feature, and how it learned."""
-    for name, title in _ERRORS.items():
-        frame = record.read(name).to_pandas().drop(columns=["encoder", "index"], errors="ignore")
-        if len(frame):
-            some = frame.iloc[:: -max(1, len(frame) // _EPOCHS)][::-1]
-            output.frame(f"{record.id}: {title}", some)
-
-    values = record.manifest.summary.get("singular_values")
-    if values is not None:  # of an encoder with linear dynamics
-        shown = ", ".join(f"{value:.3f}" for value in values)
-        output.say(f"{record.id}: singular values of the dynamics {shown}.")
-
-
-def show_explained(records: Sequence["Record"]) -> None:
-    """Prints what encoders explain and predict: a sentence on a single one, a table of several."""
-    texts = []
-    for record in records:
-        (errors,) = record.read("encoder_errors").to_pylist()
-        shares = {"explained": errors["test_explained"], "PCA": errors["pca_explained"]}
-        # Encoders trained before this table existed have no rows.
-        for row in record.read("encoder_predictions").to_pylist():
-            shares[row["target"].replace("_", " ")] = row["r2"]
-        shown = {name: "" if share is None else f"{share:.3f}" for name, share in shares.items()}
-        texts.append({"encoder": record.id, **shown})
-
-    if len(records) > 1:
-        import pandas as pd
-
-        title = "Variance explained and R² of the next control step, on held-out episodes"
-        output.frame(title, pd.DataFrame(texts))
-        return
-
-    (row,) = texts
-    latents = records[0].settings["latents"]
-    predicted = ", ".join(f"{target} {r2}" for target, r2 in list(row.items())[3:] if r2)
-    output.say(
-        f"On held-out episodes it explains {row['explained']} of the variance (PCA with "
-        f"{counted(latents, 'latent')}: {row['PCA']})"
-        + (f" and predicts the next control step with R² {predicted}." if predicted else ".")
-    )

@@ -137,6 +137,7 @@ def learn(
     states: States,
     record: Record,
     latents: int,
+    *,
     progress: Callable[[int], None],
     commit_every: float,
 ) -> WeightArrays:

@@ -82,7 +82,7 @@ class States:
         self._episode_bytes = round((steps + 1) * self.size * 4)
         self.in_memory = dataset.episodes * self._episode_bytes <= memory
         self.device = torch.device("cpu")
-        self._whole: dict[str, Shard] = {}  # empty before `read`, and if they do not fit in memory
+        self._kept: dict[str, Shard] = {}  # empty before `read`, and if they do not fit in memory
 
     def read(self, device: torch.device) -> None:
         """Reads the dataset if necessary, and moves it to a device; WorkError if it is damaged."""
@@ -91,7 +91,7 @@ class States:
         if device != self.device:
             self.device = device
             self.sample = self.sample.to(device)
-            self._whole = {name: shard.to(device) for name, shard in self._whole.items()}
+            self._kept = {name: shard.to(device) for name, shard in self._kept.items()}
 
     def only(self, columns: Sequence[int]) -> "States":
         """Returns these states, which have been read, with some of the observation's features."""
@@ -103,7 +103,7 @@ class States:
         chosen.learned = self.learned.only(columns)
         chosen.held_out = self.held_out.only(columns)
         chosen.sample = self.sample.only(columns)
-        chosen._whole = {name: shard.only(columns) for name, shard in self._whole.items()}
+        chosen._kept = {name: shard.only(columns) for name, shard in self._kept.items()}
         return chosen
 
     @property
@@ -168,14 +168,14 @@ class States:
         self.learned, self.held_out = (part.scaled(gain, offset) for part in moments.values())
         held_out = self._shard(kept.pop("held_out"))
         if self.in_memory:
-            self._whole = {"learned": self._shard(kept.pop("learned")), "held_out": held_out}
+            self._kept = {"learned": self._shard(kept.pop("learned")), "held_out": held_out}
 
         self.sample = held_out.first(_SAMPLED)
 
     def _shards(self, name: str, random: torch.Generator | None = None) -> Iterator[Shard]:
         """Yields the training or the held-out episodes, in shards that fit in memory."""
         if self.in_memory:
-            yield self._whole[name]
+            yield self._kept[name]
             return
         if self.whole is not self:
             for shard in self.whole._shards(name, random):

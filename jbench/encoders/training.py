@@ -72,19 +72,30 @@ def train_encoder(
             return record
         if record is not None:
             check_code(record, code_provenance(settings.kind))
+
         states.read(device)
         _check_pairs(kind, states)
         if settings.columns is not None:
             states = states.only(settings.columns)
         if isinstance(kind, Learned) and settings.kind not in ENCODER_KINDS:
             check_kind(kind, settings.kind, states, settings.latents)
+
         if record is None or CHECKPOINT not in record.roles():
             made_on = device_provenance(device) | code_provenance(settings.kind)
             if about := description(settings.kind):
                 made_on["description"] = about
             record = results.create("encoder", settings.id, settings.model_dump(), made_on)
+
         with one_thread():
-            weights = _weights(settings, kind, states, results, record, progress, commit_every)
+            weights = _weights(
+                settings,
+                kind,
+                states,
+                results,
+                record,
+                progress=progress,
+                commit_every=commit_every,
+            )
             # An interrupted process may have committed the errors already.
             if not record.rows("encoder_errors"):
                 rows = errors(kind, weights, settings.latents, states)
@@ -114,6 +125,7 @@ def _weights(
     states: States,
     results: Results,
     record: Record,
+    *,
     progress: Callable[[int], None],
     commit_every: float,
 ) -> WeightArrays:
@@ -127,7 +139,14 @@ def _weights(
         record.append(encoder_tables(record.id, epochs))
         weights: WeightArrays = safetensors.numpy.load(plain.read_file(WEIGHTS))
     elif isinstance(kind, Learned):
-        weights = learn(kind, states, record, settings.latents, progress, commit_every)
+        weights = learn(
+            kind,
+            states,
+            record,
+            settings.latents,
+            progress=progress,
+            commit_every=commit_every,
+        )
     else:
         weights = _fitted(settings, kind, states)
         progress(1)

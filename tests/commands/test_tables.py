@@ -7,7 +7,7 @@ import pytest
 from rich.cells import cell_len
 
 from jbench.cli import main
-from jbench.commands import demo, encoders, output
+from jbench.commands import demo, encoder_tables, output
 from jbench.commands.report import SPARE
 from jbench.store import Results
 from tests.demo_results import ENCODER
@@ -191,8 +191,8 @@ def test_tables_of_encoders_and_demo(demo_results, check, monkeypatch):
     seen = []
     monkeypatch.setattr(output, "table", lambda *args, **options: seen.append((args, options)))
     record = Results(demo_results.path).find("encoder", ENCODER)
-    encoders.show_explained([record, record])
-    encoders._show_errors(record)
+    encoder_tables.show_explained([record, record])
+    encoder_tables.show_errors(record)
     curves = pd.DataFrame({"representation": ["full", "dae14"], "learning curve": ["▁▂▃▄▅▆▇█"] * 2})
     output.frame("Evaluation returns", curves.assign(seeds=2, extremes="488 and 501"))
     assert len(seen) >= 3

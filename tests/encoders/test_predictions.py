@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from jbench.commands.encoders import show_explained
+from jbench.commands.encoder_tables import show_explained
 from jbench.datasets import collect, find_dataset
 from jbench.encoders import load_encoder
 from jbench.encoders.evaluation import TARGETS, effective_rank, predictions

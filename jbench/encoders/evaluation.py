@@ -71,6 +71,7 @@ def errors(
     baselines = {name: (other, other.fit(states, size)) for name, other in _BASELINES.items()}
     columns: dict[str, FloatArray] = {}
     totals: dict[str, Any] = {}
+
     for episodes, (shards, moments) in data.items():
         mse, variance = reconstruction_errors(kind, on_device, shards)
         end = "" if episodes == "test" else f"_{episodes}"
@@ -79,9 +80,11 @@ def errors(
         }
         for name, error in mses.items():
             columns[f"{name}_mse"] = error
+
         columns[f"{episodes}_variance"] = variance
         totals[f"{episodes}_states"] = moments.rows
         total = variance.sum()
+
         for name, error in mses.items():
             totals[f"{name}_explained"] = float(1 - error.sum() / total) if total else 0.0
 
@@ -163,9 +166,11 @@ def predictions(kind: Kind, weights: Weights, states: States) -> list[dict[str, 
     slopes, offset = moments.regression(inputs.shape[1])
     predicted = test_inputs.double() @ torch.from_numpy(slopes) + torch.from_numpy(offset)
     linear_r2 = _r2(predicted, test_targets, columns)
+
     probe = _trained(_standardized(inputs, inputs), _standardized(targets, targets))
     predicted = probe(_standardized(test_inputs, inputs))
     r2 = _r2(predicted, _standardized(test_targets, targets), columns)
+
     # Standard deviations of the latents along the directions in which the regression predicts; of a
     # target with several axes, the root of their mean square.
     along = slopes[:latents]
@@ -173,6 +178,7 @@ def predictions(kind: Kind, weights: Weights, states: States) -> list[dict[str, 
     sd = np.sqrt(np.maximum(np.einsum("it,ij,jt->t", along, covariance, along), 0))
     norms = np.linalg.norm(along, axis=0)
     amplitudes = torch.from_numpy(np.divide(sd, norms, out=np.zeros_like(sd), where=norms > 0))
+
     rows = []
     for target, some in columns.items():
         row = {"target": target, "r2": r2[target], "linear_r2": linear_r2[target]}
@@ -261,6 +267,7 @@ def _trained(inputs: Tensor, targets: Tensor) -> torch.nn.Module:
     parameters = list(network.parameters())
     adam = FusedAdam(parameters, _RATE)
     step = 0
+
     for _ in range(_EPOCHS):
         order = torch.randperm(len(inputs), generator=random)
         for indices in order.split(_BATCH):

@@ -61,14 +61,17 @@ class Shard(NamedTuple):
     def take(self, indices: Tensor, ahead: int, with_actions: bool = False) -> StatePairs:
         """Returns pairs of states by index (rows,), counted through all episodes."""
         states = self.states.view(-1, self.states.shape[-1])
+
         if self.followed is not None:
             rows = self.followed.starts(ahead)[indices]
             now = states.index_select(0, rows)
             batch = StatePairs(now, states.index_select(0, rows + ahead) if ahead else now)
             return self._with_actions(batch, rows, ahead) if ahead and with_actions else batch
+
         if not ahead:
             now = states.index_select(0, indices)
             return StatePairs(now, now)
+
         episode = indices // (self.states.shape[1] - ahead)
         rows = indices + episode * ahead
         batch = StatePairs(states.index_select(0, rows), states.index_select(0, rows + ahead))
@@ -80,6 +83,7 @@ class Shard(NamedTuple):
         """Returns the first of these episodes, up to a number."""
         if self.followed is None:
             return Shard(self.states[:episodes], self.actions[:episodes], self.rewards[:episodes])
+
         ends = (self.followed.counts == 0).nonzero()[:, 0]
         count = int(ends[min(episodes, len(ends)) - 1]) + 1
         states, actions, rewards = (part[:, :count] for part in self[:3])

@@ -42,15 +42,18 @@ def as_runs(
         for id in frame.loc[incomplete, "import"]
     ]
     frame = frame[~incomplete].astype({"seed": np.int64})
+
     # Training returns first, and the longest curve first.
     frame = frame.sort_values(
         ["returns", "control_steps", "points", "import"], ascending=[False, False, False, True]
     )
     frame["run"] = frame.groupby(_SEED)["import"].transform("first")
     chosen = frame.drop_duplicates([*_SEED, "returns"])
+
     named = points.merge(chosen[["import", "run", "returns"]], on="import")
     named = named.assign(evaluation=named["point"], processor_time=np.nan)
     named.loc[named["returns"] == "training", "episode"] = named["point"]
+
     runs = chosen.drop_duplicates("run")
     # The settings that jbench knows are the labels and the seed.
     known: list[Any] = runs[_SEED].astype(dict.fromkeys(_LABELS, str)).to_dict("records")
@@ -58,6 +61,7 @@ def as_runs(
     kept = [{name: made[name] for name in _PROVENANCE if name in made} for made in recorded]
     texts = {"settings": list(map(json.dumps, known)), "provenance": list(map(json.dumps, kept))}
     runs = runs.assign(variant=list(map(variant, known)), **texts)
+
     rows = {"runs": to_table(runs, schema.TABLES["runs"])}
     for name, kind in _RETURNS.items():
         rows[name] = to_table(named[named["returns"] == kind], schema.TABLES[name])

@@ -145,10 +145,12 @@ class OpenedResults:
         typed = {"returns": returns, "window": window, "order": order}
         request = validated(Request, "the curves", task=task, algo=algo, **typed)
         source = self._rows(request)
+
         chosen = with_returns(source.configurations, returns)
         drawn = chosen if per_seed else sorted(chosen, key=_key)
         parts = [part for c in drawn for part in _points(c, c.curve(order, window), per_seed)]
         points = long_frame(parts, [*_CURVE, *(_SEED_POINT if per_seed else _POINT)])
+
         named = pd.DataFrame(list(map(_key, chosen)), columns=_CURVE)
         named["settings"] = [configuration.words for configuration in chosen]
         settings = _settings([configuration.settings for configuration in chosen])

@@ -120,6 +120,7 @@ class PlanarReduction(Fitted):
         way = [numbers["target_x"], numbers["target_y"]]
         home = [zero, zero] if "x" in TASK_SPECS[task].drawn else [-part for part in way]
         place = [numbers.get(axis, part) for axis, part in zip("xy", home, strict=True)]
+
         cosine = numbers.get("cosine", zero + 1)
         sine = numbers["sine"]
         length = xp.sqrt(xp.clip(cosine * cosine + sine * sine, 1e-12, None))
@@ -127,12 +128,14 @@ class PlanarReduction(Fitted):
         a, b = numbers["tilt_a"], numbers["tilt_b"]
         c = xp.sqrt(xp.clip(1 - a * a - b * b, 0.0, 1.0))
         tilt = xp.stack([zero, zero, zero, c, a, b, zero], axis=-1)
+
         # (cos(h/2), 0, 0, sin(h/2)) times the quaternion (c, a, b, 0) of the tilt.
         squares = (1 + cosine) / 2, (1 - cosine) / 2
         half, half_sine = (xp.sqrt(xp.clip(square, 0.0, None)) for square in squares)
         half_sine = xp.where(sine < 0, -half_sine, half_sine)
         quaternion = [half * c, half * a - half_sine * b, half * b + half_sine * a, half_sine * c]
         position = xp.stack([*place, numbers["height"], *quaternion], axis=-1)
+
         along, across, up = (numbers[f"velocity_{axis}"] for axis in "xyz")
         speeds = [*geometry.rotated_in_plane(cosine, sine, along, across), up]
         back = xp.matrix_transpose(geometry.rotation_matrix(tilt[..., 3:]))
@@ -143,6 +146,7 @@ class PlanarReduction(Fitted):
         state = State(
             position, velocity, numbers["motor_angle"], numbers["motor_speed"], torso_velocity
         )
+
         turned = geometry.rotated_in_plane(cosine, sine, *way)
         target = [part + shift for part, shift in zip(turned, place, strict=True)]
         target = xp.stack([*target, zero + geometry.TARGET_HEIGHT], axis=-1)

@@ -1,6 +1,7 @@
 """The encoder protocol, and saved encoders."""
 
 import json
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Protocol
@@ -17,6 +18,7 @@ from jbench.encoders.kind import Kind, Weights
 from jbench.encoders.registry import code_provenance, make_kind
 from jbench.encoders.scaling import Scaling
 from jbench.errors import RequestError, WorkError
+from jbench.names import ENCODER_KINDS, closest
 from jbench.store import Results
 from jbench.store.code import ChangedCodeError, check_code
 from jbench.store.provenance import shell_command
@@ -140,9 +142,12 @@ def load_encoder(
         command = with_results("jbench train-dae", results.name)
         none = f"there is none yet: run {command}, or jbench train-encoder for another kind"
         there = f"there are {', '.join(ids)}" if ids else none
+        kind = re.sub(r"\d+.*", "", id)
+        meant = closest(kind, [*ENCODER_KINDS])
+        hint = f"did you mean {meant}? " if meant not in (None, kind) and "/" not in id else ""
         raise RequestError(
-            f"No encoder {id} in {results.name}; {there}. A kind with a number of latents, such as "
-            "dae12, selects the newest one."
+            f"No encoder {id} in {results.name}; {hint}{there}. A kind with a number of latents, "
+            "such as dae12, selects the newest one."
         )
 
     if record.status != "finished":

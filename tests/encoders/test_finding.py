@@ -119,6 +119,12 @@ def test_unknown_id_is_refused_with_known_ids(results):
     )
 
 
+@pytest.mark.parametrize(("name", "meant"), [("plannar", "planar"), ("scald", "scaled")])
+def test_misspelled_kind_is_refused_with_the_kind_that_was_meant(results, name, meant):
+    assert f"No encoder {name} in {results.path}; did you mean {meant}? " in refusal(results, name)
+    assert "did you mean" not in refusal(results, "other")
+
+
 @pytest.mark.parametrize(
     ("names", "sentence"),
     [

@@ -3,6 +3,7 @@
 import warnings
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from operator import attrgetter
 from pathlib import Path
 
@@ -10,7 +11,8 @@ import numpy as np
 import pandas as pd
 import pyarrow.compute as pc
 
-from jbench.names import Order, ReturnsName
+from jbench.errors import NothingYetError
+from jbench.names import FULL, NO_ENCODER, Order, ReturnsName, in_prose, shown_representation
 from jbench.report.configurations import seed_frame
 from jbench.report.data import sources
 from jbench.report.data.configuration import Configuration, with_returns
@@ -84,7 +86,12 @@ class OpenedResults:
             warnings.warn(sentence, stacklevel=2)
         return rows
 
-    def runs(self, task: str | None = None, algo: str | None = None) -> pd.DataFrame:
+    def runs(
+        self,
+        task: str | None = None,
+        algo: str | None = None,
+        representation: str | None = None,
+    ) -> pd.DataFrame:
         """Returns the runs with their final returns and settings; imported curves are runs as well.
 
         Raises a RequestError if there are no such runs.
@@ -92,16 +99,19 @@ class OpenedResults:
         Args:
             task: only this task.
             algo: only this algorithm.
+            representation: only this one, by its whole name or by the one that reports show, such
+                as planar12 or planar.
 
         Returns:
-            A row for each run: run, task, algo, representation, encoder, variant, source, seed,
-            steps, status, wall_time (s), error (why a run failed), evaluation_return and
-            training_return (final returns as in `jbench report`; NaN if there is none, or a longer
-            run of the seed counts there), evaluation_return_at_end (without the episodes that
-            `jbench evaluate` added), and a column for each other setting, such as learning_rate.
-            Settings that an algorithm does not have are missing values.
+            A row for each run: run, task, algo, representation, shown_representation (as reports
+            show it: planar for planar12), encoder, variant, source, seed, steps, status, wall_time
+            (s), error (why a run failed), evaluation_return and training_return (final returns as
+            in `jbench report`; NaN if there is none, or a longer run of the seed counts there),
+            evaluation_return_at_end (without the episodes that `jbench evaluate` added), and a
+            column for each other setting, such as learning_rate. Settings that an algorithm does
+            not have are missing values.
         """
-        source = self._rows(Request(task=task, algo=algo))
+        source = self._rows(Request(task=task, algo=algo), representation)
         seeds = seed_frame(source.configurations)
         finals = seeds.pivot(index=["source", "run"], columns="returns", values="final")
         finals = finals.reindex(columns=[*KINDS]).add_suffix("_return")
@@ -110,6 +120,8 @@ class OpenedResults:
         has_diverged = source.runs["diverged"].notna().to_numpy()
         at_end = _returns_at_end(source)
         runs["evaluation_return_at_end"] = np.where(has_diverged, runs["evaluation_return"], at_end)
+        shown = runs["representation"].map(shown_representation)
+        runs.insert(_RUN.index("representation") + 1, "shown_representation", shown)
         settings = _settings([parse_run(text) for text in source.runs["settings"]])
         return runs.join(settings.drop(columns=runs.columns, errors="ignore"))
 
@@ -122,6 +134,7 @@ class OpenedResults:
         order: Order = "quantile-first",
         *,
         per_seed: bool = False,
+        representation: str | None = None,
     ) -> pd.DataFrame:
         """Returns the learning curves that `jbench report` draws.
 
@@ -134,6 +147,7 @@ class OpenedResults:
             window: episodes in a moving average of training returns.
             order: see `jbench.names.ORDERS`.
             per_seed: whether to return the curve of each seed instead of quantiles across seeds.
+            representation: only this one, as in `runs`.
 
         Returns:
             A row for each point of each curve: task, algo, representation, variant, source,
@@ -144,7 +158,7 @@ class OpenedResults:
         """
         typed = {"returns": returns, "window": window, "order": order}
         request = validated(Request, "the curves", task=task, algo=algo, **typed)
-        source = self._rows(request)
+        source = self._rows(request, representation)
 
         chosen = with_returns(source.configurations, returns)
         drawn = chosen if per_seed else sorted(chosen, key=_key)
@@ -159,12 +173,32 @@ class OpenedResults:
         named = named.join(settings[differing].drop(columns=points.columns, errors="ignore"))
         return points.merge(named, on=_CURVE, how="left")
 
-    def _rows(self, request: Request) -> sources.Source:
+    def _rows(self, request: Request, representation: str | None) -> sources.Source:
         """Returns the runs that a request means; those that can't be read are warnings."""
         source = sources.own_and_imported(self._results, request)
         for problem in source.problems:
             warnings.warn(problem, stacklevel=3)
-        return source
+
+        if representation is None:
+            return source
+
+        return _of_representation(source, representation)
+
+
+def _of_representation(source: sources.Source, typed: str) -> sources.Source:
+    """Returns the runs with a representation, by its whole name or the one that reports show."""
+    known = sorted({str(name) for name in source.runs["representation"]})
+    wanted = FULL if typed in NO_ENCODER else typed
+    meant = [name for name in known if wanted in (name, shown_representation(name))]
+    if not meant:
+        raise NothingYetError(
+            f"There are no runs with the representation {typed!r}; there are "
+            f"{in_prose(known, 'and')}."
+        )
+
+    configurations = [c for c in source.configurations if c.representation in meant]
+    runs = source.runs[source.runs["representation"].isin(meant)]
+    return replace(source, configurations=configurations, runs=runs)
 
 
 def _returns_at_end(source: sources.Source) -> FloatArray:

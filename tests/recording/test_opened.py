@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import jbench
+from jbench.errors import RequestError
 
 
 @pytest.fixture(scope="module")
@@ -43,6 +44,28 @@ def test_runs_have_final_returns_and_settings(shipped):
     )["n"]
     assert runs.loc[run, "buffer_size"] == int(recorded)
     assert set(runs["precision"]) == {"float32", "bfloat16"}
+
+
+@pytest.mark.parametrize("typed", ["planar", "planar12"])
+def test_representation_may_be_typed_as_reports_show_it(shipped, typed):
+    asked = {"task": "face_direction", "algo": "td3", "representation": typed}
+    runs = shipped.runs(**asked)
+    assert set(runs["representation"]) == {"planar12"}
+    assert set(runs["shown_representation"]) == {"planar"}
+    recorded = shipped.query(
+        "SELECT run FROM runs WHERE task = 'face_direction' AND algo = 'td3' "
+        "AND representation = 'planar12'"
+    )
+    assert set(runs["run"]) == set(recorded["run"])
+    assert set(shipped.curves(**asked)["representation"]) == {"planar12"}
+
+
+def test_missing_representation_is_refused_with_those_that_there_are(shipped):
+    asked = {"task": "face_direction", "algo": "td3"}
+    with pytest.raises(RequestError, match=r"'pca7'; there are dae-yaw13, dae12, .*full"):
+        shipped.runs(**asked, representation="pca7")
+    by_two_names = [len(shipped.runs(**asked, representation=name)) for name in ("none", "full")]
+    assert by_two_names[0] == by_two_names[1] > 0
 
 
 def test_curves_name_the_settings_that_differ(shipped):

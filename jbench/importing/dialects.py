@@ -4,7 +4,6 @@ import re
 from codecs import BOM_UTF8
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,10 +11,13 @@ from pydantic import BaseModel, Field, FiniteFloat, TypeAdapter, ValidationError
 
 from jbench.errors import RequestError
 from jbench.importing import tables
+from jbench.importing.event_file import read_event_file
+from jbench.importing.foreign import is_of_tensorboard
 from jbench.importing.named_columns import read_named_columns
+from jbench.importing.path_names import PathNames, names_in_path
 from jbench.importing.readers import read_evaluations, read_monitor
-from jbench.importing.request import parse_seed
-from jbench.names import ReturnsName
+from jbench.importing.request import TAGS, parse_seed
+from jbench.names import ReturnsName, in_prose
 from jbench.wording import counted
 
 _RUN = ["task", "method", "seed"]
@@ -24,8 +26,11 @@ _COLUMNS = [*_RUN, "steps", "return"]
 _MOST = 1e15
 """Largest return; differences and sums of larger ones are no longer exact numbers."""
 
-_RL_ZOO = re.compile(r"(.+)_(\d+)")
-"""Folder of a run of RL Baselines3 Zoo: the environment, and the number of the run."""
+_MONITOR = re.compile(rb"#\s*{")
+"""Beginning of the file of a Monitor."""
+
+_EVALUATION_TAG = "eval/mean_reward"
+"""Tag of the evaluations of stable-baselines3 in TensorBoard."""
 
 
 class _Curve(BaseModel):
@@ -35,21 +40,34 @@ class _Curve(BaseModel):
     returns: list[FiniteFloat] = Field(alias="return")
 
 
+class _ListedCurve(BaseModel):
+    """A curve in the JSON of DreamerV3's scores, which is a list of them."""
+
+    task: str
+    method: str
+    seed: str | int
+    xs: list[FiniteFloat]
+    ys: list[FiniteFloat]
+
+
 _JSON = '{task: {method: {"seed_0": {"million_steps": [...], "return": [...]}}}}'
 _CURVES = TypeAdapter(dict[str, dict[str, dict[str, _Curve]]])
+_LISTED_JSON = '[{"task": ..., "method": ..., "seed": ..., "xs": [steps], "ys": [returns]}]'
+_LISTED_CURVES = TypeAdapter(list[_ListedCurve])
 
 
 def read_curves(path: Path, returns: ReturnsName = "evaluation") -> tables.CurveFile:
     """Reads a file of curves, or all files in a folder.
 
     A file is CSV with a row for each point, whose columns have any of the usual names, the JSON of
-    HumanoidBench, or an `evaluations.npz` or a Monitor's file of stable-baselines3. Of a folder
-    that has files of stable-baselines3, those with the kind of returns are read.
+    HumanoidBench or DreamerV3, an `evaluations.npz` or a Monitor's file of stable-baselines3, or
+    one of TensorBoard. Of a folder that has files of stable-baselines3, those with the kind of
+    returns are read.
 
     Raises:
         RequestError: if it can't be read, lacks a column, or has a value that is none.
     """
-    parts = [_read(file) for file in map(tables.open_file, _files(path, returns))]
+    parts = [_read(file, returns) for file in map(tables.open_file, _files(path, returns))]
     points = pd.concat([part.points for part in parts], ignore_index=True)
     if "wall_time" in points:  # of the files of several environments of a run
         points = points.sort_values("wall_time", kind="stable", ignore_index=True)
@@ -64,26 +82,27 @@ def _files(path: Path, returns: ReturnsName) -> Sequence[Path]:
     if not path.is_dir():
         return [path]
 
-    patterns = ["*.monitor.csv", "evaluations*.npz"]
+    of_sb3 = [("*monitor.csv",), ("evaluations*.npz",)]
     if returns == "evaluation":
-        patterns.reverse()
+        of_sb3.reverse()
 
-    for pattern in patterns:
-        if found := sorted(path.rglob(pattern)):
+    for patterns in (*of_sb3, ("*.csv", "*.json"), ("progress.txt",), ("*.tfevents.*",)):
+        if found := sorted(file for pattern in patterns for file in path.rglob(pattern)):
             return found
-
-    if found := sorted([*path.rglob("*.csv"), *path.rglob("*.json")]):
-        return found
 
     raise RequestError(f"{path} is a directory without a .csv, .json or .npz file; name a file.")
 
 
-def _read(file: tables.ImportedFile) -> tables.CurveFile:
+def _read(file: tables.ImportedFile, returns: ReturnsName) -> tables.CurveFile:
     """Reads a file by its first bytes, whatever its name is."""
     start = file.content.removeprefix(BOM_UTF8).lstrip()
     if start.startswith(b"{"):
         return tables.CurveFile(_from_json(file), [])
-    if start.startswith(b"#{"):
+    if start.startswith(b"["):
+        return tables.CurveFile(_from_listed_json(file), [])
+    if is_of_tensorboard(file.content):
+        return _from_events(file, returns)
+    if _MONITOR.match(start):
         return _from_monitor(file)
     if start.startswith(b"PK"):
         return _from_evaluations(file)
@@ -105,7 +124,10 @@ def _checked(points: pd.DataFrame, path: Path) -> pd.DataFrame:
                 raise RequestError(f"{path}: {text[:40]!r} is no name of a {name}; rename it.")
 
     is_count = points["steps"].between(0, tables.MAX_STEPS) & (points["steps"] % 1 == 0)
-    check(is_count, "{steps:g} is no number of steps")
+    check(
+        is_count,
+        "{steps:g} is no number of steps; if steps are in millions, call the column million_steps",
+    )
     check(
         points["return"].abs() <= _MOST,
         f"the return {{return:g}} is not between -{_MOST:g} and {_MOST:g}",
@@ -124,22 +146,27 @@ def _checked(points: pd.DataFrame, path: Path) -> pd.DataFrame:
 def _from_evaluations(file: tables.ImportedFile) -> tables.CurveFile:
     """Reads the evaluations of a run of stable-baselines3, whose names are those of folders."""
     points = read_evaluations(file)
-    points = points.assign(steps=points["control_steps"])
-    means = points.groupby("point", as_index=False)[["steps", "episode_return"]].mean()
-    means = means.rename(columns={"episode_return": "return"})
-    bad = means[~np.isfinite(means[["steps", "return"]]).all(axis=1)]
+    if points.empty:
+        raise RequestError(f"{file.path} has no evaluation; leave the file out.")
+
+    bad = points[~np.isfinite(points[["control_steps", "episode_return"]]).all(axis=1)]
     if len(bad):
         number = bad["point"].iloc[0] + 1
         raise RequestError(f"{file.path}, evaluation {number}: not a finite number.")
 
-    names, notes = _names_in_path(file.path)
-    return tables.CurveFile(means.assign(**names), notes)
+    points = points.rename(columns={"control_steps": "steps", "episode_return": "return"})
+    means = points.groupby("point", as_index=False)[["steps", "return"]].mean()
+    names = names_in_path(file.path)
+    return tables.CurveFile(_labelled(means, names), [_note_on_path(file.path, names)])
 
 
 def _from_monitor(file: tables.ImportedFile) -> tables.CurveFile:
     """Reads the training episodes of a run, of which a later part may have been appended."""
     monitor = read_monitor(file)
-    names, notes = _names_in_path(file.path, monitor.env_id)
+    names = names_in_path(file.path)
+    if monitor.env_id not in ("", "None"):
+        names = names._replace(task=monitor.env_id)
+    notes = [_note_on_path(file.path, names)]
     if monitor.restarts:
         notes.append(
             f"The time goes back {counted(len(monitor.restarts), 'time')} in {file.path.name}: it "
@@ -147,24 +174,49 @@ def _from_monitor(file: tables.ImportedFile) -> tables.CurveFile:
         )
 
     points = monitor.points.rename(columns={"control_steps": "steps", "episode_return": "return"})
-    return tables.CurveFile(points.assign(**names), notes)
+    return tables.CurveFile(_labelled(points, names), notes)
 
 
-def _names_in_path(path: Path, env_id: str = "") -> tuple[dict[str, Any], list[str]]:
-    """Returns the labels of a run of stable-baselines3, which its file doesn't have, and a note."""
-    folder = path.resolve().parent
-    match = _RL_ZOO.fullmatch(folder.name)
-    numbered = re.findall(r"seed[_-]?(\d+)", str(path), re.IGNORECASE)
-    seed = numbered[-1] if numbered else (match[2] if match else "0")
-    known = env_id if env_id not in ("", "None") else ""
-    task = known or (match[1] if match else folder.name) or "task"
-    method = folder.parent.name or "method"
-    names: dict[str, Any] = {"task": task, "method": method}
-    names["seed"] = parse_seed(seed, f"{path}: the seed is")
-    return names, [
-        f"{folder.name}/{path.name}: method {method}, task {task} and seed {seed} are those of its "
-        "path."
-    ]
+def _from_events(file: tables.ImportedFile, returns: ReturnsName) -> tables.CurveFile:
+    """Reads the returns of a run in TensorBoard, whose names are those of folders."""
+    scalars = read_event_file(file).scalars
+    known = [_EVALUATION_TAG, *TAGS] if returns == "evaluation" else [*TAGS]
+    tag = next((tag for tag in known if tag in scalars), None)
+    if tag is None:
+        found = ", ".join(sorted(scalars)) or "none"
+        raise RequestError(
+            f"{file.path} has no tag {in_prose(known)}; write a CSV file of one of its tags: "
+            f"{found}."
+        )
+
+    points = pd.DataFrame(scalars[tag], columns=["steps", "time", "return"])
+    if not np.isfinite(points["return"]).all():
+        raise RequestError(f"{file.path}: a value of {tag} is not a finite number.")
+
+    names = names_in_path(file.path)
+    notes = [_note_on_path(file.path, names)]
+    # Episodes of several environments may end at one step.
+    means = points.groupby("steps", as_index=False)[["steps", "return"]].mean()
+    if len(means) < len(points):
+        notes.append(f"Values of {tag} at the same step of a file are averaged.")
+    others = [other for other in (_EVALUATION_TAG, *TAGS) if other in scalars and other != tag]
+    if others:
+        notes.append(f"Of the tags in {file.path.name}, {tag} is shown, not {in_prose(others)}.")
+
+    return tables.CurveFile(_labelled(means, names), notes)
+
+
+def _labelled(points: pd.DataFrame, names: PathNames) -> pd.DataFrame:
+    """Returns points with the labels of their run."""
+    return points.assign(task=names.task, method=names.method, seed=names.seed)
+
+
+def _note_on_path(path: Path, names: PathNames) -> str:
+    """Returns what a reader has to know of labels that a file lacks."""
+    return (
+        f"{path.resolve().parent.name}/{path.name}: method {names.method}, task {names.task} and "
+        f"seed {names.seed} are those of its path."
+    )
 
 
 def _from_json(file: tables.ImportedFile) -> pd.DataFrame:
@@ -172,11 +224,7 @@ def _from_json(file: tables.ImportedFile) -> pd.DataFrame:
     try:
         curves = _CURVES.validate_json(file.content.removeprefix(BOM_UTF8))
     except ValidationError as error:
-        first = error.errors(include_input=False)[0]
-        where = "".join(f"{part!r:.42}: " for part in first["loc"])
-        raise RequestError(
-            f"{file.path} is no JSON file of curves, which is {_JSON}: {where}{first['msg']}."
-        ) from None
+        raise _no_json_of_curves(file, error, _JSON) from None
 
     parts = []
     for task, methods in curves.items():
@@ -197,3 +245,37 @@ def _from_json(file: tables.ImportedFile) -> pd.DataFrame:
         raise RequestError(f"{file.path} has no curves; leave the file out.")
 
     return pd.concat(parts, ignore_index=True)
+
+
+def _from_listed_json(file: tables.ImportedFile) -> pd.DataFrame:
+    """Reads the JSON of DreamerV3's scores, which has the curves of all seeds."""
+    try:
+        curves = _LISTED_CURVES.validate_json(file.content.removeprefix(BOM_UTF8))
+    except ValidationError as error:
+        raise _no_json_of_curves(file, error, _LISTED_JSON) from None
+
+    parts = []
+    for number, curve in enumerate(curves, 1):
+        where = f"{file.path}, curve {number}"
+        if not len(curve.xs) == len(curve.ys) > 0:
+            raise RequestError(f"{where}: xs and ys must be as many finite numbers.")
+
+        seed = parse_seed(str(curve.seed), f"{where}: the seed is")
+        labels = {"task": curve.task, "method": curve.method, "seed": seed}
+        parts.append(pd.DataFrame({**labels, "steps": curve.xs, "return": curve.ys}))
+
+    if not parts:
+        raise RequestError(f"{file.path} has no curves; leave the file out.")
+
+    return pd.concat(parts, ignore_index=True)
+
+
+def _no_json_of_curves(
+    file: tables.ImportedFile, error: ValidationError, form: str
+) -> RequestError:
+    """Returns the error for JSON of another form."""
+    first = error.errors(include_input=False)[0]
+    where = "".join(f"{part!r:.42}: " for part in first["loc"])
+    return RequestError(
+        f"{file.path} is no JSON file of curves, which is {form}: {where}{first['msg']}."
+    )

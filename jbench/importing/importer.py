@@ -119,8 +119,8 @@ def _check_points(points: pd.DataFrame, file: ImportedFile, task: str) -> None:
 
     check(
         ~(points["control_steps"].diff() < 0),
-        "the control steps go back from {before:,.0f} to {control_steps:,.0f}, so there is more "
-        "than one training in the file; split it.",
+        "the control steps go back from {before:,.0f} to {control_steps:,.0f}, so the file "
+        "has more than one training, or is not sorted by steps; split or sort it.",
     )
 
 

@@ -1,11 +1,14 @@
 """Learning curves in CSV files, whose columns have the names that loggers and papers give them."""
 
 import re
+from pathlib import Path
+from typing import Literal
 
 import pandas as pd
 
 from jbench.errors import RequestError
 from jbench.importing import tables
+from jbench.importing.path_names import PathNames, names_in_path, without_seed
 from jbench.importing.request import RETURN, STEPS, TAGS
 from jbench.names import in_prose
 
@@ -16,15 +19,25 @@ _MORE_STEPS = (
     "total_steps",
     "total_timesteps",
     "timestep",
+    "time_steps",
+    "timesteps_total",
+    "total_env_interacts",  # Spinning Up
+    "num_env_steps_sampled_lifetime",  # RLlib
+    "time/total_timesteps",  # stable-baselines3
     "frames",
 )
 _MILLIONS = "million_steps"
 _MORE_RETURNS = (
     "avg_return",
+    "average_return",
     "mean_return",
+    "average_test_ep_ret",  # Spinning Up
+    "average_ep_ret",
+    "episode_return_mean",  # RLlib
+    "episode_reward_mean",
     "episode_reward",
-    "mean_reward",
     "eval/mean_reward",
+    "mean_reward",
     *TAGS,
     "score",
 )
@@ -35,7 +48,7 @@ _NAMES = {
     "seed": ("seed", "random_seed"),
     # A `step` beside one of them counts something else, such as updates.
     "steps": ("steps", *STEPS[:-1], *_MORE_STEPS, _MILLIONS, STEPS[-1]),
-    "return": ("return", *RETURN, *_MORE_RETURNS),
+    "return": tuple(dict.fromkeys(("return", *RETURN, *_MORE_RETURNS))),
 }
 """Names of the columns of a CSV file, of which the first that it has is used."""
 
@@ -43,6 +56,9 @@ _GROUP = re.compile(r"^(.*/)?(eval_|train_)?")
 """What a metric's name may have before the name of the number."""
 
 _METRIC = ("metric", "metrics", "tag", "key")
+_LOGS = ("progress", "log", "eval", "evaluations", "train", "monitor", "metrics", "results")
+"""Names of files that say nothing of their run."""
+
 _VALUE = "value"
 """Columns of a file that has a row for each value of each metric."""
 
@@ -55,27 +71,21 @@ def read_named_columns(file: tables.ImportedFile) -> tables.CurveFile:
     """
     # Spreadsheets end the last line without a line break.
     table = tables.read_table(file, ends_line=False)
-    notes = []
+    _refuse_chart_of_wandb(table, file)
+    columns, notes = _columns(table, file)
     named = {_usual(column): column for column in reversed(list(map(str, table)))}
-    columns = {
-        role: next((named[name] for name in names if name in named), None)
-        for role, names in _NAMES.items()
-    }
     metric = next((named[name] for name in _METRIC if name in named), None)
-    if columns["return"] is None and metric is not None and _VALUE in named:
+    if "return" not in columns and metric is not None and _VALUE in named:
         columns["return"] = named[_VALUE]
         table, kept = _only_returns(table, metric, file)
         notes += kept
 
+    names = names_in_path(file.path)
     for role in ("seed", "steps", "return"):
-        if columns[role] is None:
-            raise RequestError(
-                f"{file.path} has no column {role!r}; it needs {', '.join(_NAMES)} (or names such "
-                f"as {in_prose(_NAMES[role][1:4] or _NAMES[role])}), but has "
-                f"{', '.join(map(str, table))}."
-            )
+        if role not in columns and not (role == "seed" and names.has_seed):
+            raise _lacks(role, table, file)
 
-    numeric = {role: str(columns[role]) for role in ("steps", "return")}
+    numeric = {role: columns[role] for role in ("steps", "return")}
     # A logger leaves the returns of rows without one empty.
     table = table[table[numeric["return"]].str.strip() != ""]
     if table.empty:
@@ -85,28 +95,96 @@ def read_named_columns(file: tables.ImportedFile) -> tables.CurveFile:
     if _usual(numeric["steps"]) == _MILLIONS:
         points["steps"] = (points["steps"] * 1e6).round()
 
-    points["seed"] = tables.seeds(table, str(columns["seed"]), file)
-    stem = file.path.stem
-    folder = file.path.resolve().parent.name
-    instead = {"task": stem, "method": folder if columns["task"] is None else stem}
+    if "seed" in columns:
+        points["seed"] = tables.seeds(table, columns["seed"], file)
+    else:
+        points["seed"] = names.seed
+        notes.append(f"{file.path.name} has no column with the seed; its path has {names.seed}.")
+
+    instead = _labels_in_path(file.path, names, has_task="task" in columns)
     for role in ("task", "method"):
-        column = columns[role]
-        if column is not None:
-            points[role] = table[column].str.strip()  # some writers put a space after commas
+        if role in columns:
+            points[role] = table[columns[role]].str.strip()  # some put a space after commas
         else:
-            points[role] = instead[role] or role
-            where = "folder" if instead[role] == folder else "file"
+            label, where = instead[role]
+            points[role] = label
             notes.append(
-                f"{file.path.name} has no column with the {role}; it is called "
-                f"{points[role].iloc[0]}, as the {where}."
+                f"{file.path.name} has no column with the {role}; it is called {label}, as the "
+                f"{where}."
             )
 
     return tables.CurveFile(points, notes)
 
 
+def _lacks(role: str, table: pd.DataFrame, file: tables.ImportedFile) -> RequestError:
+    """Returns the error for a file that lacks a column."""
+    or_path = ", or put it into a name of the path, such as seed0" if role == "seed" else ""
+    others = in_prose(_NAMES[role][1:4] or _NAMES[role])
+    return RequestError(
+        f"{file.path} has no column {role!r}; add or rename it{or_path}: the file needs "
+        f"{', '.join(_NAMES)} (or names such as {others}), but has {', '.join(map(str, table))}."
+    )
+
+
+def _labels_in_path(
+    path: Path, names: PathNames, *, has_task: bool
+) -> dict[str, tuple[str, Literal["file", "folder"]]]:
+    """Returns the task and the method that a path has, each with the part of the path.
+
+    A file is named for its task, or for its method if it has a column with the task. A file that a
+    logger has named says nothing.
+    """
+    stem = without_seed(path.stem)
+    if stem and _usual(stem) not in _LOGS:
+        if has_task:
+            return {"task": (stem, "file"), "method": (stem, "file")}
+        return {"task": (stem, "file"), "method": (names.task, "folder")}
+
+    method = names.task if has_task else names.method
+    return {"task": (names.task, "folder"), "method": (method, "folder")}
+
+
+def _refuse_chart_of_wandb(table: pd.DataFrame, file: tables.ImportedFile) -> None:
+    """Raises a RequestError for a chart of W&B, which has a column for each run."""
+    if any(re.search(r" - .*__MIN$", str(column)) for column in table):
+        raise RequestError(
+            f"{file.path} is a chart of W&B, with a column for each run; type jbench import --from "
+            "wandb-csv if it is of a task of jbench, or write a row for each point, with "
+            f"{', '.join(_NAMES)}."
+        )
+
+
+def _columns(table: pd.DataFrame, file: tables.ImportedFile) -> tuple[dict[str, str], list[str]]:
+    """Returns the column of each role that the table has, and notes on others that may be meant."""
+    named: dict[str, str] = {}
+    in_groups: dict[str, list[str]] = {}
+    for column in map(str, table):
+        name = _usual(column)
+        named.setdefault(name, column)
+        if "/" in name:  # of a tracker, such as config/seed
+            in_groups.setdefault(_GROUP.sub("", name), []).append(column)
+
+    columns: dict[str, str] = {}
+    notes = []
+    for role, names in _NAMES.items():
+        found = [named[name] for name in names if name in named]
+        if not found:
+            found = [column for name in names for column in in_groups.get(name, [])]
+            found.sort(key=lambda column: not _usual(column).startswith("eval"))
+
+        if found:
+            columns[role] = found[0]
+        if role == "return" and len(found) > 1:
+            others = in_prose(found[1:], "and")
+            notes.append(f"The return in {file.path.name} is {found[0]}, not {others}.")
+
+    return columns, notes
+
+
 def _usual(column: str) -> str:
     """Returns the name of a column in lower case with underscores."""
-    return column.strip().lower().replace(" ", "_").replace("-", "_")
+    words = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", column.strip())
+    return words.lower().replace(" ", "_").replace("-", "_")
 
 
 def _only_returns(

@@ -162,6 +162,13 @@ def read_monitor(file: ImportedFile) -> Monitor:
             "after a #."
         )
 
+    if (appended := file.content.find(b"\n#")) >= 0:
+        line = file.content[:appended].count(b"\n") + 2
+        raise RequestError(
+            f"{file.path}, line {line}: the file of a second Monitor was appended; split the file "
+            "there."
+        )
+
     columns = {"episode_return": "r", "length": "l", "wall_time": "t"}
     points = numbers(read_table(file, skip=1), columns, file)
     back = points["wall_time"].diff() < 0
@@ -183,7 +190,9 @@ def read_evaluations(file: ImportedFile) -> pd.DataFrame:
         with np.load(io.BytesIO(file.content), allow_pickle=False) as saved:
             arrays = {n: saved[n].astype(np.float64) for n in _ARRAYS if n in saved}
     except Exception as error:  # a damaged file may raise almost any
-        reason = next(iter(str(error).splitlines()), type(error).__name__)
+        is_archive = file.content.startswith(b"PK")
+        first_line = next(iter(str(error).splitlines()), type(error).__name__)
+        reason = first_line if is_archive else "it is no archive of arrays"
         raise RequestError(
             f"{file.path} is cut off, or not an evaluations.npz ({reason})."
         ) from None

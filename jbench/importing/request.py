@@ -25,6 +25,9 @@ _USED_BY = {
 }
 """Formats that use an option; others refuse it."""
 
+_NAMED_SEED = re.compile(r"(?:seed|s)[ _=-]?(\d+)", re.IGNORECASE)
+"""A seed with a word before its number, such as seed_3."""
+
 
 class ImportRequest(Labels):
     """What to import."""
@@ -110,7 +113,10 @@ def parse_seed(text: str, where: str) -> int:
     whole = re.sub(r"\.0*$", "", text.strip())
     digits = whole.lstrip("0") or whole[:1]
     if not (digits.isascii() and digits.isdigit() and int(digits[:20]) <= MAX_SEED):
+        named = _NAMED_SEED.fullmatch(text.strip())
+        instead = f"; write {named[1]}" if named else ""
         raise RequestError(
-            f"{where} {text[:40]!r}; a seed is a whole number from 0 up to {MAX_SEED}."
+            f"{where} {text[:40]!r}; a seed is a whole number from 0 up to {MAX_SEED}{instead}."
         )
+
     return int(digits)

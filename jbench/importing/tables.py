@@ -7,8 +7,7 @@ import csv
 import hashlib
 import io
 import re
-import shlex
-from codecs import BOM_UTF8
+from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,16 +17,20 @@ import numpy as np
 import pandas as pd
 
 from jbench.errors import RequestError
+from jbench.importing.foreign import is_of_tensorboard, refuse_foreign
 from jbench.importing.request import parse_seed
+from jbench.importing.written_numbers import has_decimal_commas, instead_of
 
 MAX_STEPS = 1 << 53
 """Largest number of control steps; float64 counts no further."""
 
-_GZIP = b"\x1f\x8b"
-"""First bytes of a file of gzip, such as the .csv.gz of pandas."""
-
 _SEPARATOR = re.compile(r"sep=(.)\s*", re.IGNORECASE)
 """First line of a file that Excel has written, or that is meant for it."""
+
+_SEPARATORS = ",;\t|"
+
+_COMMENT = ("#", "%")
+"""First characters of lines above the header that are comments."""
 
 
 class ImportedFile(NamedTuple):
@@ -54,12 +57,7 @@ def open_file(path: Path) -> ImportedFile:
     except OSError as error:
         raise RequestError(f"{path} can't be read ({error.strerror}).") from None
 
-    if content.startswith(_GZIP):
-        raise RequestError(
-            f"{path} is compressed; type: gunzip {shlex.quote(str(path))}, and name the unpacked "
-            "file."
-        )
-
+    refuse_foreign(path, content)
     if not content.removeprefix(BOM_UTF8).strip():
         raise RequestError(f"{path} is empty; leave the file out.")
 
@@ -70,38 +68,38 @@ def read_table(file: ImportedFile, skip: int = 0, *, ends_line: bool = True) -> 
     """Returns the rows of a CSV file as texts, indexed by their line, without lines to skip.
 
     Columns without a name and a value are left out, as are rows without a value: spreadsheets write
-    both.
+    both. Comments above the header are left out as well.
 
     ends_line: whether the last line of a whole file ends with a line break.
     """
-    try:
-        text = file.content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise RequestError(f"{file.path} is not a CSV file: it is not text (UTF-8).") from None
-
+    text = _text(file)
     lines = list(io.StringIO(text, newline=""))
     named = _SEPARATOR.fullmatch(lines[0]) if not skip else None
-    skip = 1 if named else skip
+    if named:
+        skip = 1
+    elif not skip:
+        skip = _skip_comments(lines)
+
     with _fields_of_any_length(text):
         separator = named[1] if named else _separator(lines[skip:])
         rows = _rows(file, lines, skip, separator)
 
-    last = f"{file.path}, line {len(lines)}: "
     header = [name.strip() for name in next(iter(rows.values()), [])]
     for line, fields in rows.items():
         while len(fields) > len(header) and not fields[-1].strip():
             fields.pop()
         if len(fields) != len(header):
-            is_cut = line == len(lines) and len(fields) < len(header)
+            is_last = line == len(lines)
+            instead = _instead_of_row(len(fields), len(header), separator, is_last=is_last)
             raise RequestError(
                 f"{file.path}, line {line}: {len(fields)} fields, but the header has "
-                f"{len(header)}{'; the file is cut off' if is_cut else ''}."
+                f"{len(header)}; {instead}."
             )
 
     if ends_line and not text.endswith(("\n", "\r")):
         raise RequestError(
-            f"{last}the line has no end, so the file is cut off; copy it again, or remove that "
-            "line."
+            f"{file.path}, line {len(lines)}: the line has no end, so the file is cut off; copy it "
+            "again, or remove that line."
         )
 
     if len(rows) < 2:
@@ -112,11 +110,81 @@ def read_table(file: ImportedFile, skip: int = 0, *, ends_line: bool = True) -> 
     names = [header[place] for place in kept]
     doubled = {name for name in names if names.count(name) > 1}
     if doubled == {""}:
-        raise RequestError(f"{file.path} has several columns without a name; name them.")
+        raise RequestError(
+            f"{file.path} has several columns without a name; name them, or "
+            "remove the lines above the header."
+        )
     if doubled:
         raise RequestError(f"{file.path} has two columns {min(doubled)!r}; rename one of them.")
 
     return table[kept].set_axis(names, axis=1)
+
+
+def _text(file: ImportedFile) -> str:
+    """Returns the text of a file, in UTF-8 or, as Excel writes it, in UTF-16."""
+    if is_of_tensorboard(file.content):
+        raise RequestError(
+            f"{file.path} is a file of TensorBoard, not CSV; type --from tensorboard."
+        )
+
+    is_utf16 = file.content.startswith((BOM_UTF16_LE, BOM_UTF16_BE))
+    try:
+        text = file.content.decode("utf-16" if is_utf16 else "utf-8-sig")
+    except UnicodeDecodeError:
+        text = "\0"
+
+    if not text.strip():
+        raise RequestError(f"{file.path} is empty; leave the file out.")
+
+    if "\0" in text:
+        raise RequestError(
+            f"{file.path} is not a CSV file: it is not text (UTF-8). If it is text in another "
+            "encoding, type: iconv -f ENCODING -t UTF-8 FILE > NEW"
+        )
+
+    return text
+
+
+def _skip_comments(lines: list[str]) -> int:
+    """Returns the number of comments and empty lines above the header.
+
+    The header itself may be a comment, as numpy.savetxt writes it: it has as many separators as the
+    line below it, which has numbers. It then loses its first character.
+    """
+    skip = 0
+    header = None
+    for line in lines:
+        if not line.strip():
+            skip += 1
+            continue
+        if not line.startswith(_COMMENT):
+            break
+        header = skip
+        skip += 1
+
+    if header is None or skip == len(lines):
+        return skip
+
+    below = lines[skip]
+    for separator in _SEPARATORS:
+        fields = below.split(separator)
+        has_number = any(re.fullmatch(r"[-+]?[\d.]+(e[-+]?\d+)?", f.strip()) for f in fields)
+        if has_number and len(fields) == len(lines[header].split(separator)) > 1:
+            lines[header] = lines[header][1:]
+            return header
+
+    return skip
+
+
+def _instead_of_row(fields: int, header: int, separator: str, *, is_last: bool) -> str:
+    """Returns what to do about a row with another number of fields than the header."""
+    if header == 1:
+        return "remove the lines above the header, and separate columns by commas"
+    if fields > header:
+        return f"put a field that contains {separator!r} in quotes"
+    if is_last:
+        return "the file is cut off: copy it again, or remove that line"
+    return "correct it, or remove that line"
 
 
 def _separator(lines: list[str]) -> str:
@@ -125,7 +193,7 @@ def _separator(lines: list[str]) -> str:
     Names may contain other separators, quoted or not.
     """
     known: dict[str, tuple[bool, int]] = {}
-    for separator in ",;\t":
+    for separator in _SEPARATORS:
         records = filter(None, csv.reader(lines, delimiter=separator, strict=True))
         try:
             header = next(records, [])
@@ -183,14 +251,18 @@ def numbers(table: pd.DataFrame, columns: Mapping[str, str], file: ImportedFile)
     frame = pd.DataFrame(index=table.index)
     for name, column in columns.items():
         check_column(table, column, file)
-        values = pd.to_numeric(table[column], errors="coerce").to_numpy(np.float64)
+        texts = table[column]
+        if has_decimal_commas(texts.str.strip().tolist()):
+            texts = texts.str.replace(",", ".")
+
+        values = pd.to_numeric(texts, errors="coerce").to_numpy(np.float64)
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad):
             line = table.index[bad[0]]
             text = table[column].iloc[bad[0]]
             raise RequestError(
                 f"{file.path}, line {line}: {column} is {text[:40]!r}, which is not a finite "
-                "number."
+                f"number; {instead_of(text)}."
             )
 
         frame[name] = values

@@ -300,7 +300,7 @@ def test_truncated_wandb_chart_is_refused(wandb_file, import_error):
     [
         ("control_steps,episode_return\n1000,5\n500,6\n", "line 3: the control steps go back"),
         ("control_steps,episode_return\n1000,5\n1500.5,6\n", "line 3: 1500.5 is no number"),
-        ("steps,return\n1000,5\n2000,6,7\n", "line 3: 3 fields, but the header has 2.\n"),
+        ("steps,return\n1000,5\n2000,6,7\n", "3 fields, but the header has 2; put a field that "),
         ('x,steps,return\n"a\nb",1000,5\nc,,6\n', "line 4: steps is ''"),
         ("count,return\n1000,5\n", "type --steps-column with one of count, return"),
         ("control_steps,episode_return\n1000,\n", "has no value of episode_return"),

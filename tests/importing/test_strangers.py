@@ -1,7 +1,11 @@
 """Tests of files as other programs and people write them (tests/importing/strangers)."""
 
+import gzip
 import itertools
 import json
+import os
+import pickle
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +16,8 @@ from jbench.cli import main
 from jbench.errors import RequestError
 from jbench.importing.dialects import read_curves
 from jbench.importing.request import parse_seed
+from jbench.importing.tables import open_file
+from jbench.importing.written_numbers import instead_of
 from jbench.report.figures.marks import shortened
 from jbench.report.frames import Frames
 from jbench.report.request import Request
@@ -51,12 +57,139 @@ def test_files_of_spreadsheets_and_data_frames_are_read(name):
         "method,task,seed,steps,return\nA,t,0,5,1,,\n,,,,\n",
         ",method,task,seed,steps,return\n0,A,t,0,5,1\n",
         "Method,Task,Seed,Steps,Return\r\nA,t,0.00,5.0,1e0",
+        "method|task|seed|steps|return\nA|t|0|5|1\n",
+        "# of my thesis, 2026\n#\n\nmethod,task,seed,steps,return\nA,t,0,5,1\n",
+        "% of MATLAB\nmethod,task,seed,steps,return\nA,t,0,5,1\n",
+        "# method,task,seed,steps,return\nA,t,0,5,1\n",  # numpy.savetxt
+        "#,method,task,seed,steps,return\n7,A,t,0,5,1\n",
+        "Method,EnvId,RandomSeed,TotalSteps,EpisodeReturn\nA,t,0,5,1\n",
+        "config/algo,config/env,config/seed,global_step,eval/episodic_return\nA,t,0,5,1\n",
     ],
 )
 def test_separators_blanks_and_cases_of_columns_are_understood(text, tmp_path):
     (row,) = read_curves(written(tmp_path / "c.csv", text)).points.to_dict("records")
     found = (row["method"].strip(), row["task"].strip(), row["seed"], row["steps"], row["return"])
     assert found == ("A", "t", 0, 5, 1)
+
+
+def test_text_of_excel_in_utf16_is_read(tmp_path):
+    path = tmp_path / "c.txt"
+    path.write_bytes("method\ttask\tseed\tsteps\treturn\nA\tt\t0\t5\t1\n".encode("utf-16"))
+    assert read_curves(path).points["return"].tolist() == [1]
+
+
+@pytest.mark.parametrize(
+    ("texts", "numbers"),
+    [
+        (("100,5", "7"), [100.5, 7]),
+        (("1,000", "0,25"), [1, 0.25]),  # only decimal commas can be meant
+        (("0,123", "-0,5"), [0.123, -0.5]),
+        (("1,000", "2,000"), None),
+        (("1,000.5", "2,25"), None),
+    ],
+)
+def test_commas_are_decimal_ones_where_they_can_be_no_others(texts, numbers, tmp_path):
+    rows = [f"A;t;0;{step};{text}" for step, text in enumerate(texts)]
+    file = written(tmp_path / "c.csv", "\n".join(["method;task;seed;steps;return", *rows]) + "\n")
+    if numbers is None:
+        with pytest.raises(RequestError, match="is not a finite number; write"):
+            read_curves(file)
+    else:
+        assert read_curves(file).points["return"].tolist() == numbers
+
+
+@pytest.mark.parametrize(
+    ("text", "instead"),
+    [
+        ("1k", "write 1000"),
+        ("0.5M", "write 500000"),
+        ("1 000", "write 1000"),
+        ("1'234.5", "write 1234.5"),
+        ("1_000", "write 1000"),
+        ("1.234,5", "write 1234.5"),
+        ("1,234,567", "write 1234567"),
+        ("1,000", "write 1000, or 1.000 if that is a decimal comma"),
+        ("100,5", "write 100.5"),
+        ("NaN", "remove that line"),
+        ("", "remove that line"),
+        ("10 ± 2", "correct it, or remove that line"),
+    ],
+)
+def test_number_that_is_none_is_refused_with_what_to_write(text, instead, tmp_path, import_error):
+    assert instead_of(text) == instead
+    csv = f'control_steps,episode_return,seed\n"{text}",5,0\nx,6,0\n'
+    error = import_error("csv", written(tmp_path / "c.csv", csv), seed_from=None)
+    assert f"which is not a finite number; {instead}." in error
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("My results\n\nmethod,task,seed,steps,return\nA,t,0,5,1\n", "remove the lines above the"),
+        (
+            "My results,,,,\nmethod,task,seed,steps,return\nA,t,0,5,1\n",
+            "remove the lines above the",
+        ),
+        ("method,task,seed,steps,return\nA,t,0,1,000,5\n", "put a field that contains ',' in quo"),
+        ("method,task,seed,steps,return\nA,t,0,1,5\nA,t,0", "copy it again, or remove that line"),
+        ("method,task,seed,steps,return\nA,t,seed_3,1,5\n", "; write 3."),
+        ("method,task,seed,steps,return\nA,t,0,0.5,5\n", "call the column million_steps"),
+        ("method,task,steps,return\nA,t,1,5\n", "or put it into a name of the path, such as seed0"),
+        ("method,task,seed,steps,return\nÄ,t,0,1,5\n".encode("latin-1"), "iconv -f ENCODING"),
+        ("method,task,seed,steps,return\nA,t,0,1,5\n".encode("utf-16-le"), "iconv -f ENCODING"),
+        ('"global_step","a - r","a - r__MIN","a - r__MAX"\n"1","1","1","1"\n', "a chart of W&B"),
+        ('[{"method": "A"}]', 'which is [{"task": ...'),
+        (b"\xff\xfe", "is empty"),  # UTF-16
+        ("# only a comment\n", "has a header, but no rows"),
+    ],
+)
+def test_refusal_says_what_to_type(text, says, tmp_path):
+    path = tmp_path / "c.csv"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    with pytest.raises(RequestError) as refused:
+        read_curves(path)
+    assert says in str(refused.value)
+
+
+class Harm:
+    """Its pickle makes a directory when it is loaded."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return os.mkdir, (str(self.path),)
+
+
+def test_files_of_other_forms_are_named_and_never_run(tmp_path):
+    harm = Harm(tmp_path / "harm")
+    archive = tmp_path / "made.zip"
+    with zipfile.ZipFile(archive, "w") as made:
+        made.writestr("c.csv", "method")
+    workbook = tmp_path / "made.xlsx"
+    with zipfile.ZipFile(workbook, "w") as made:
+        made.writestr("xl/workbook.xml", "<workbook/>")
+    contents = {
+        "is a pickle": pickle.dumps(harm),
+        "type: gunzip": gzip.compress(b"method"),
+        "type: unxz": b"\xfd7zXZ\x00rest",
+        "type: unzip": archive.read_bytes(),
+        "workbook of Excel": workbook.read_bytes(),
+        "Parquet": b"PAR1 and more",
+        "HDF5": b"\x89HDF\r\n\x1a\n",
+        "MATLAB": b"MATLAB 5.0 MAT-file",
+        "git lfs pull": b"version https://git-lfs.github.com/spec/v1\noid sha256:0\n",
+        "a web page": b"\n<!DOCTYPE html><html></html>",
+    }
+    path = tmp_path / "curves.csv"
+    for says, content in contents.items():
+        path.write_bytes(content)
+        with pytest.raises(RequestError, match=says):
+            open_file(path)
+    np.savez(tmp_path / "evaluations", timesteps=np.array([harm], object))
+    with pytest.raises(RequestError, match="Object arrays cannot be loaded"):
+        read_curves(tmp_path / "evaluations.npz")
+    assert not harm.path.exists()
 
 
 def test_cell_of_any_length_is_read(tmp_path):
@@ -221,6 +354,30 @@ SIMBA = """,exp_name,env_name,seed,metric,env_step,value
             [(1000, 5)],
         ),
         (
+            "td3/td3_s4/progress.txt",  # of Spinning Up
+            "Epoch\tAverageEpRet\tAverageTestEpRet\tTotalEnvInteracts\n1\t10\t11\t4000\n",
+            ("td3", "td3", 4),
+            [(4000, 11)],
+        ),
+        (
+            "sac/hopper/seed2/progress.csv",  # of stable-baselines3's CSV logger
+            "time/total_timesteps,rollout/ep_rew_mean,eval/mean_reward\n100,1,\n200,2,3\n",
+            ("sac", "hopper", 2),
+            [(200, 3)],
+        ),
+        (
+            "rllib/PPO/progress.csv",
+            "env_runners/episode_return_mean,num_env_steps_sampled_lifetime,config/seed\n5,40,1\n",
+            ("rllib", "PPO", 1),
+            [(40, 5)],
+        ),
+        (
+            "dreamerv3.json",
+            '[{"task": "pong", "method": "dreamer", "seed": "5", "xs": [0, 9], "ys": [1, 2]}]',
+            ("dreamer", "pong", 5),
+            [(0, 1), (9, 2)],
+        ),
+        (
             "ppo.csv",  # one method
             "env_id,seed,step,env_step,score\nant,0,3,3000,4\n",
             ("ppo", "ant", 0),
@@ -230,7 +387,7 @@ SIMBA = """,exp_name,env_name,seed,metric,env_step,value
 )
 def test_dialects_of_the_field_are_read(name, text, labels, points, tmp_path):
     path = tmp_path / name
-    path.parent.mkdir(exist_ok=True)
+    path.parent.mkdir(parents=True, exist_ok=True)
     read = read_curves(written(path, text)).points
     assert read[["method", "task", "seed"]].drop_duplicates().values.tolist() == [[*labels]]
     assert read[["steps", "return"]].values.tolist() == [list(point) for point in points]
@@ -258,6 +415,75 @@ def test_folder_with_a_file_for_each_task_is_one_set(tmp_path):
     file = read_curves(tmp_path)
     assert file.points["task"].tolist() == ["run", "walk"]
     assert "walk.csv has no column with the task; it is called walk, as the file." in file.notes
+
+
+def test_return_that_is_not_shown_is_named(tmp_path):
+    text = "method,task,seed,steps,episodic_return,score\nA,t,0,1,5,6\n"
+    file = read_curves(written(tmp_path / "c.csv", text))
+    assert file.notes == ["The return in c.csv is episodic_return, not score."]
+
+
+def test_seeds_in_folders_are_of_one_task(tmp_path):
+    for seed in range(2):
+        run = tmp_path / "td3" / "hopper" / f"seed{seed}"
+        run.mkdir(parents=True)
+        returns = np.full((2, 3), 5.0)
+        np.savez(run / "evaluations", timesteps=[10, 20], results=returns, ep_lengths=returns)
+    points = read_curves(tmp_path).points
+    assert points[["method", "task"]].drop_duplicates().values.tolist() == [["td3", "hopper"]]
+    assert points["seed"].tolist() == [0, 0, 1, 1]
+
+
+@pytest.mark.parametrize(
+    ("returns", "says"), [([], "no evaluation"), ([[1, np.nan]], "ation 1: n")]
+)
+def test_evaluations_without_a_number_are_refused(returns, says, tmp_path):
+    arrays = np.reshape(np.array(returns, float), (len(returns), 2))
+    file = tmp_path / "evaluations.npz"
+    np.savez(file, timesteps=np.arange(len(arrays)), results=arrays, ep_lengths=arrays)
+    with pytest.raises(RequestError, match=says):
+        read_curves(file)
+
+
+def events(folder, values):
+    """Writes an event file as torch does: by tag, the value at each step."""
+    from torch.utils.tensorboard import SummaryWriter
+
+    writer = SummaryWriter(str(folder))
+    for tag, points in values.items():
+        for step, value in points:
+            writer.add_scalar(tag, value, step)
+    writer.close()
+
+
+def test_tensorboard_files_of_cleanrl_and_stable_baselines3_are_read(tmp_path):
+    for seed in (1, 2):
+        run = tmp_path / "runs" / f"Hopper-v4__td3_continuous__{seed}__1700000000"
+        # Two environments ended at one step.
+        events(run, {"charts/episodic_return": [(100, 10), (100, 20), (200, 30 + seed)]})
+    file = read_curves(tmp_path / "runs")
+    assert file.points.values.tolist() == [
+        ["Hopper-v4", "td3_continuous", seed, step, value]
+        for seed in (1, 2)
+        for step, value in ((100, 15), (200, 30 + seed))
+    ]
+    assert "Values of charts/episodic_return at the same step of a file are averaged." in file.notes
+    values = {"eval/mean_reward": [(10, 1)], "rollout/ep_rew_mean": [(9, 3)], "loss": [(1, 0)]}
+    events(tmp_path / "sac" / "hopper_2", values)
+    (one,) = read_curves(tmp_path / "sac").points.values.tolist()
+    assert one == ["hopper", "sac", 2, 10, 1]
+    (one,) = read_curves(tmp_path / "sac", "training").points.values.tolist()
+    assert one[3:] == [9, 3]
+    events(tmp_path / "other", {"loss": [(1, 0)]})
+    with pytest.raises(RequestError, match="write a CSV file of one of its tags: loss"):
+        read_curves(tmp_path / "other")
+
+
+def test_file_of_a_second_monitor_is_refused_with_its_line(tmp_path):
+    file = monitor(tmp_path / "0.monitor.csv", [(5, 100, 1.0)])
+    file.write_text(file.read_text() * 2)
+    with pytest.raises(RequestError, match="line 4: the file of a second Monitor was appended"):
+        read_curves(file)
 
 
 def monitor(path, episodes, start=1000.0, env_id="Hopper-v4"):

@@ -199,7 +199,7 @@ def test_smallest_files_are_reported(curve, tmp_path, opened):
         (HEAD + ",walk,0,1,1\n", "'' is no name of a method"),
         (HEAD + '"a\nb",walk,0,1,1\n', "is no name of a method"),
         ("", "is empty"),
-        (b"\xff\xfe" + HEAD.encode(), "it is not text (UTF-8)"),
+        (b"\xff" + HEAD.encode(), "it is not text (UTF-8)"),
         ('{"walk": {"PPO": {"seed_0": {"million_steps": [1], "return": []}}}}', "finite numbers"),
         ('{"walk": {"PPO": {"seed_0": {"million_steps": [1], "return": [NaN]}}}}', "'seed_0'"),
         ('{"walk": {"PPO": {"first": {"million_steps": [1], "return": [1]}}}}', "a whole number"),

@@ -142,9 +142,9 @@ def load_encoder(
         command = with_results("jbench train-dae", results.name)
         none = f"there is none yet: run {command}, or jbench train-encoder for another kind"
         there = f"there are {', '.join(ids)}" if ids else none
-        kind = re.sub(r"\d+.*", "", id)
-        meant = closest(kind, [*ENCODER_KINDS])
-        hint = f"did you mean {meant}? " if meant not in (None, kind) and "/" not in id else ""
+        typed = re.sub(r"\d+.*", "", id)
+        meant = closest(typed, [*ENCODER_KINDS])
+        hint = f"did you mean {meant}? " if meant not in (None, typed) and "/" not in id else ""
         raise RequestError(
             f"No encoder {id} in {results.name}; {hint}{there}. A kind with a number of latents, "
             "such as dae12, selects the newest one."

@@ -209,7 +209,7 @@ def holm(p_values):
     return np.minimum(adjusted, 1)
 
 
-def test_verdicts_on_the_papers_claims(returns, agents_of_figure_7):
+def test_verdicts_on_the_papers_claims(returns):
     similar, variable, faster = table("docs/answer.md", "the paper's claim")
     for algo, task in (("td3", TASKS[0]), ("td3", TASKS[1]), ("ddpg", TASKS[0])):
         latents, full = (returns["evaluation", algo, task, name] for name in ("dae12", "full"))
@@ -223,9 +223,15 @@ def test_verdicts_on_the_papers_claims(returns, agents_of_figure_7):
     assert {*verdicts["verdict"]} == {"undecided"}
     assert variable[1] == "not decided"
 
-    # The report decides nothing with fewer than six seeds.
-    assert all(len(seeds) < 6 for (_, ours), seeds in agents_of_figure_7.items() if ours)
-    assert all(row[2].startswith("not decided") for row in (similar, variable, faster))
+    verdicts = chosen_from(shipped().verdicts, representation="dae12-script", returns="evaluation")
+    found = {row.claim: row for row in verdicts.itertuples()}
+    assert [found[claim].verdict for claim in "abc"] == ["undecided", "undecided", "faster"]
+    similarity = found["a"]
+    ends = f"{similarity.corrected_low:+.0f} to {similarity.corrected_high:+.0f}"
+    assert similar[2] == f"not decided: {ends}"
+    assert variable[2].startswith("not decided; without a correction")
+    assert found["b"].high < 0
+    assert faster[2] == "supported: they learn faster"
 
 
 def test_forward_is_similar_to_scaled(finals):
@@ -438,23 +444,47 @@ def test_what_the_agents_of_figure_7_learn(agents_of_figure_7):
 
     page = text_of("answer")
     assert f"latents get {lowest_to_highest(at_100k[latents])}, and those with the full" in page
-    assert f"the full observation {lowest_to_highest(at_100k[full])}, no more than random" in page
-    random = shipped().baselines.query(f"policy == 'random' and task == '{TASKS[0]}'")
-    assert at_100k[full].max() < random["median"].item()
+    assert f"the full observation {lowest_to_highest(at_100k[full])}." in page
 
-    assert [len(at_end[agents]) for agents in (full, latents)] == [5, 5]
+    assert [len(at_end[agents]) for agents in (full, latents)] == [10, 10]
     assert (
-        f"all five with latents have learned the task ({lowest_to_highest(at_end[latents])})"
-        in page
+        f"All ten with latents have learned the task ({lowest_to_highest(at_end[latents])})" in page
     )
     learned = at_end[full] > 500
-    low, high = sorted(at_end[full][learned])
-    assert f"two have ({low:.0f} and {high:.0f})" in page
+    assert [learned.sum(), (~learned).sum()] == [7, 3]
+    assert f"seven have ({lowest_to_highest(at_end[full][learned])})" in page
+    assert (at_end[latents] < at_end[full][learned].min()).sum() == 8
     assert f"three have not ({lowest_to_highest(at_end[full][~learned])})" in page
 
     table_1, table_1_latents, figure_7, figure_7_latents = medians
     assert f"its median is {table_1} with the settings of Table 1 and {figure_7} with" in page
     assert f"the median with latents is {table_1_latents} and {figure_7_latents}." in page
+
+
+def test_comparisons_of_the_agents_of_figure_7():
+    verdicts = chosen_from(shipped().verdicts, representation="dae12-script")
+    rows = {(row.returns, row.claim): row for row in verdicts.itertuples()}
+    page = text_of("answer")
+
+    at_end, over_run = (rows["evaluation", claim] for claim in "ac")
+    assert at_end.corrected_by == over_run.corrected_by == "sequential test"
+    assert f"return over the run is higher: {over_run.value:+.0f} {corrected(over_run)}" in page
+    assert f"{at_end.value:+.0f} {corrected(at_end)} by the sequential test" in page
+
+    variable, by_training = (rows[returns, "b"] for returns in ("evaluation", "training"))
+    interval = f"[{variable.low:+.0f}, {variable.high:+.0f}]"
+    assert f"95% interval of {interval}, and one of {corrected(variable)}" in page
+    assert f"By training returns, the corrected interval is {corrected(by_training)}." in page
+    assert by_training.verdict == "less variable"
+
+    spread = chosen_from(shipped().configurations, returns="evaluation", algo="DDPG")
+    spread = spread.set_index(["representation", "words"])["s"]
+    latents, full = (spread[name, "settings=figure8"] for name in ("dae12-script", "raw"))
+    assert f"is {latents:.0f} with the latents and {full:.0f} with the full observation." in page
+
+
+def corrected(row):
+    return f"[{row.corrected_low:+.0f}, {row.corrected_high:+.0f}]"
 
 
 def lowest_to_highest(values):

@@ -38,6 +38,7 @@ class Meters(Progress):
     def __init__(self) -> None:
         """Draws on standard error, and only on a terminal."""
         self._printed = time.monotonic()
+        self._plain_lines = dict[TaskID, str]()
         super().__init__(
             console=Console(stderr=True),
             refresh_per_second=2,
@@ -61,12 +62,16 @@ class Meters(Progress):
             self.print_lines()
 
     def print_lines(self) -> None:
-        """Prints a plain line for each task if there is no terminal."""
+        """Prints a plain line for each task about which there is news, if there is no terminal."""
         self._printed = time.monotonic()
-        for line in map(_line, self.tasks) if self.disable else ():
-            learned = " ".join(filter(None, (line["curve"], line["returns"], line["published"])))
-            texts = (line["done"], line["speed"], line["left"], learned)
-            print(f"{line['name']}: {', '.join(filter(None, texts))}", file=sys.stderr, flush=True)
+        if not self.disable:
+            return
+
+        for task in self.tasks:
+            line = _plain_line(task)
+            if self._plain_lines.get(task.id) != line:
+                self._plain_lines[task.id] = line
+                print(line, file=sys.stderr, flush=True)
 
 
 @dataclass
@@ -112,6 +117,14 @@ def _line(task: Task) -> dict[str, str]:
         "left": f"{duration(left)} left" if left and running else "",
         **returns._asdict(),
     }
+
+
+def _plain_line(task: Task) -> str:
+    """Returns the texts of a task that make sense without a terminal, in one line."""
+    line = _line(task)
+    learned = " ".join(filter(None, (line["curve"], line["returns"], line["published"])))
+    texts = (line["done"], line["speed"], line["left"], learned)
+    return f"{line['name']}: {', '.join(filter(None, texts))}"
 
 
 def _per_second(speed: float) -> str:

@@ -92,6 +92,18 @@ def test_ended_process_is_removed_and_its_runs_counted(runs, capsys):
         assert "td3 full seed 0,1: 10,000 of 20,000 steps, ▁ training return 50\n" in printed.err
 
 
+def test_line_without_news_is_not_printed_twice(runs, capsys):
+    with trained(runs[:1], runs[1:2]) as view:
+        for run in runs[:2]:
+            view.show(episode(run, 10_000, 5.0))
+            view.show(Finished(run.id))
+        for run in runs[:2]:
+            view.show(ProcessEnded([run]))
+    printed = capsys.readouterr().err.splitlines()
+    assert len(printed) == 3  # all runs, and each of two processes
+    assert len({*printed}) == 3
+
+
 def test_resumed_run_begins_at_its_checkpoint_without_a_speed(runs):
     with trained(runs[:1]) as view:
         view.show(Resumed(runs[0].id, steps=6000))

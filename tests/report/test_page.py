@@ -269,6 +269,12 @@ def test_no_page_scrolls_sideways_or_loads_anything(fabric, opened, tmp_path, ca
         assert not shown.locator("#returns, #reduction, #pairs").count()
 
 
+def test_tables_of_verdicts_fit_a_laptop(opened, shipped_page):
+    shown = opened(shipped_page, viewport={"width": 1280, "height": 800}).page
+    boxes = "(boxes) => boxes.map((box) => box.scrollWidth - box.clientWidth)"
+    assert not any(shown.locator("#reduction .scroll").evaluate_all(boxes))
+
+
 def test_young_page_shows_both_representations_at_once(fabric, opened, tmp_path):
     add_runs(fabric, "full", "dae12")
     path = written(Frames(fabric.results), tmp_path)

@@ -75,5 +75,5 @@ def drops(runs: pd.DataFrame, problems: Sequence[str]) -> str:
     }
     parts = [f"{count} {what}" for what, count in counts.items() if count]
     if not parts:
-        return "Drops: none."
-    return f"Drops: {', '.join(parts)}, of {counted(len(trained), 'run')}."
+        return "No run failed, is unfinished or is left out."
+    return f"Of {counted(len(trained), 'run')}: {', '.join(parts)}."

@@ -15,7 +15,7 @@ from jbench.report.figures import charts
 from jbench.report.frames import Frames
 from jbench.report.request import Request
 from jbench.store.shipped import shipped_results
-from tests.report.browser import HOSTILE, PHONE, SIDEWAYS
+from tests.report.browser import DESKTOP, HOSTILE, PHONE, SIDEWAYS
 
 WORDS = """() => {
   const body = document.body.cloneNode(true);
@@ -270,7 +270,7 @@ def test_no_page_scrolls_sideways_or_loads_anything(fabric, opened, tmp_path, ca
 
 
 def test_tables_of_verdicts_fit_a_laptop(opened, shipped_page):
-    shown = opened(shipped_page, viewport={"width": 1280, "height": 800}).page
+    shown = opened(shipped_page, viewport=DESKTOP).page
     boxes = "(boxes) => boxes.map((box) => box.scrollWidth - box.clientWidth)"
     assert not any(shown.locator("#reduction .scroll").evaluate_all(boxes))
 

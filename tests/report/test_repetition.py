@@ -22,7 +22,9 @@ def page_text(frames):
 
 def test_page_says_that_no_run_dropped_out(fabric):
     fabric.run(RETURNS)
-    assert '<p class="drops">Drops: none.</p>' in page_text(Frames(fabric.results))
+    assert '<p class="drops">No run failed, is unfinished or is left out.</p>' in page_text(
+        Frames(fabric.results)
+    )
 
 
 def test_page_counts_runs_that_failed_or_are_left_out(fabric):
@@ -34,7 +36,7 @@ def test_page_counts_runs_that_failed_or_are_left_out(fabric):
     (broken.path / "manifest.json").write_text("{")
     found = Frames(fabric.results)
     counted = drops(found.runs, found.source.problems)
-    assert counted == "Drops: 1 failed, 1 unfinished, 1 left out, 1 unreadable, of 4 runs."
+    assert counted == "Of 4 runs: 1 failed, 1 unfinished, 1 left out, 1 unreadable."
 
 
 def recorded(fabric, command, **changes):

@@ -7,16 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from pydantic import BaseModel, Field, FiniteFloat, TypeAdapter, ValidationError
 
 from jbench.errors import RequestError
 from jbench.importing import tables
 from jbench.importing.event_file import read_event_file
 from jbench.importing.foreign import is_of_tensorboard
+from jbench.importing.json_curves import curves_by_task, listed_curves
 from jbench.importing.named_columns import read_named_columns
 from jbench.importing.path_names import PathNames, names_in_path
 from jbench.importing.readers import read_evaluations, read_monitor
-from jbench.importing.request import TAGS, parse_seed
+from jbench.importing.request import TAGS
 from jbench.names import ReturnsName, in_prose
 from jbench.wording import counted
 
@@ -31,29 +31,6 @@ _MONITOR = re.compile(rb"#\s*{")
 
 _EVALUATION_TAG = "eval/mean_reward"
 """Tag of the evaluations of stable-baselines3 in TensorBoard."""
-
-
-class _Curve(BaseModel):
-    """A curve in the JSON of HumanoidBench."""
-
-    million_steps: list[FiniteFloat]
-    returns: list[FiniteFloat] = Field(alias="return")
-
-
-class _ListedCurve(BaseModel):
-    """A curve in the JSON of DreamerV3's scores, which is a list of them."""
-
-    task: str
-    method: str
-    seed: str | int
-    xs: list[FiniteFloat]
-    ys: list[FiniteFloat]
-
-
-_JSON = '{task: {method: {"seed_0": {"million_steps": [...], "return": [...]}}}}'
-_CURVES = TypeAdapter(dict[str, dict[str, dict[str, _Curve]]])
-_LISTED_JSON = '[{"task": ..., "method": ..., "seed": ..., "xs": [steps], "ys": [returns]}]'
-_LISTED_CURVES = TypeAdapter(list[_ListedCurve])
 
 
 def read_curves(path: Path, returns: ReturnsName = "evaluation") -> tables.CurveFile:
@@ -97,9 +74,9 @@ def _read(file: tables.ImportedFile, returns: ReturnsName) -> tables.CurveFile:
     """Reads a file by its first bytes, whatever its name is."""
     start = file.content.removeprefix(BOM_UTF8).lstrip()
     if start.startswith(b"{"):
-        return tables.CurveFile(_from_json(file), [])
+        return tables.CurveFile(curves_by_task(file), [])
     if start.startswith(b"["):
-        return tables.CurveFile(_from_listed_json(file), [])
+        return tables.CurveFile(listed_curves(file), [])
     if is_of_tensorboard(file.content):
         return _from_events(file, returns)
     if _MONITOR.match(start):
@@ -216,66 +193,4 @@ def _note_on_path(path: Path, names: PathNames) -> str:
     return (
         f"{path.resolve().parent.name}/{path.name}: method {names.method}, task {names.task} and "
         f"seed {names.seed} are those of its path."
-    )
-
-
-def _from_json(file: tables.ImportedFile) -> pd.DataFrame:
-    """Reads the JSON of HumanoidBench, which has the curves of all seeds."""
-    try:
-        curves = _CURVES.validate_json(file.content.removeprefix(BOM_UTF8))
-    except ValidationError as error:
-        raise _no_json_of_curves(file, error, _JSON) from None
-
-    parts = []
-    for task, methods in curves.items():
-        for method, curves_by_seed in methods.items():
-            for name, curve in curves_by_seed.items():
-                where = f"{file.path}: {method[:40]!r} on {task[:40]!r}, {name[:40]!r}"
-                seed = parse_seed(name.removeprefix("seed_"), f"{where}: the seed is")
-                if not len(curve.million_steps) == len(curve.returns) > 0:
-                    raise RequestError(
-                        f"{where}: million_steps and return must be as many finite numbers."
-                    )
-
-                steps = (np.array(curve.million_steps) * 1e6).round()
-                labels = {"task": task, "method": method, "seed": seed}
-                parts.append(pd.DataFrame({**labels, "steps": steps, "return": curve.returns}))
-
-    if not parts:
-        raise RequestError(f"{file.path} has no curves; leave the file out.")
-
-    return pd.concat(parts, ignore_index=True)
-
-
-def _from_listed_json(file: tables.ImportedFile) -> pd.DataFrame:
-    """Reads the JSON of DreamerV3's scores, which has the curves of all seeds."""
-    try:
-        curves = _LISTED_CURVES.validate_json(file.content.removeprefix(BOM_UTF8))
-    except ValidationError as error:
-        raise _no_json_of_curves(file, error, _LISTED_JSON) from None
-
-    parts = []
-    for number, curve in enumerate(curves, 1):
-        where = f"{file.path}, curve {number}"
-        if not len(curve.xs) == len(curve.ys) > 0:
-            raise RequestError(f"{where}: xs and ys must be as many finite numbers.")
-
-        seed = parse_seed(str(curve.seed), f"{where}: the seed is")
-        labels = {"task": curve.task, "method": curve.method, "seed": seed}
-        parts.append(pd.DataFrame({**labels, "steps": curve.xs, "return": curve.ys}))
-
-    if not parts:
-        raise RequestError(f"{file.path} has no curves; leave the file out.")
-
-    return pd.concat(parts, ignore_index=True)
-
-
-def _no_json_of_curves(
-    file: tables.ImportedFile, error: ValidationError, form: str
-) -> RequestError:
-    """Returns the error for JSON of another form."""
-    first = error.errors(include_input=False)[0]
-    where = "".join(f"{part!r:.42}: " for part in first["loc"])
-    return RequestError(
-        f"{file.path} is no JSON file of curves, which is {form}: {where}{first['msg']}."
     )

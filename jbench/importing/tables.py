@@ -19,7 +19,7 @@ import pandas as pd
 from jbench.errors import RequestError
 from jbench.importing.foreign import is_of_tensorboard, refuse_foreign
 from jbench.importing.request import parse_seed
-from jbench.importing.written_numbers import has_decimal_commas, instead_of
+from jbench.importing.written_numbers import correction_of, has_decimal_commas
 
 MAX_STEPS = 1 << 53
 """Largest number of control steps; float64 counts no further."""
@@ -90,7 +90,7 @@ def read_table(file: ImportedFile, skip: int = 0, *, ends_line: bool = True) -> 
             fields.pop()
         if len(fields) != len(header):
             is_last = line == len(lines)
-            instead = _instead_of_row(len(fields), len(header), separator, is_last=is_last)
+            instead = _correction_of_row(len(fields), len(header), separator, is_last=is_last)
             raise RequestError(
                 f"{file.path}, line {line}: {len(fields)} fields, but the header has "
                 f"{len(header)}; {instead}."
@@ -176,7 +176,7 @@ def _skip_comments(lines: list[str]) -> int:
     return skip
 
 
-def _instead_of_row(fields: int, header: int, separator: str, *, is_last: bool) -> str:
+def _correction_of_row(fields: int, header: int, separator: str, *, is_last: bool) -> str:
     """Returns what to do about a row with another number of fields than the header."""
     if header == 1:
         return "remove the lines above the header, and separate columns by commas"
@@ -262,7 +262,7 @@ def numbers(table: pd.DataFrame, columns: Mapping[str, str], file: ImportedFile)
             text = table[column].iloc[bad[0]]
             raise RequestError(
                 f"{file.path}, line {line}: {column} is {text[:40]!r}, which is not a finite "
-                f"number; {instead_of(text)}."
+                f"number; {correction_of(text)}."
             )
 
         frame[name] = values

@@ -32,7 +32,7 @@ def has_decimal_commas(texts: list[str]) -> bool:
     return any(not _THOUSANDS.fullmatch(text) for text in with_comma)
 
 
-def instead_of(text: str) -> str:
+def correction_of(text: str) -> str:
     """Returns what to type instead of a text that is no finite number, as the end of a sentence."""
     text = text.strip()
     if text.lower() in _MISSING:

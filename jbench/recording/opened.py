@@ -182,10 +182,10 @@ class OpenedResults:
         if representation is None:
             return source
 
-        return _of_representation(source, representation)
+        return _with_representation(source, representation)
 
 
-def _of_representation(source: sources.Source, typed: str) -> sources.Source:
+def _with_representation(source: sources.Source, typed: str) -> sources.Source:
     """Returns the runs with a representation, by its whole name or the one that reports show."""
     known = sorted({str(name) for name in source.runs["representation"]})
     wanted = FULL if typed in NO_ENCODER else typed

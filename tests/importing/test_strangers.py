@@ -17,7 +17,7 @@ from jbench.errors import RequestError
 from jbench.importing.dialects import read_curves
 from jbench.importing.request import parse_seed
 from jbench.importing.tables import open_file
-from jbench.importing.written_numbers import instead_of
+from jbench.importing.written_numbers import correction_of
 from jbench.report.figures.marks import shortened
 from jbench.report.frames import Frames
 from jbench.report.request import Request
@@ -116,7 +116,7 @@ def test_commas_are_decimal_ones_where_they_can_be_no_others(texts, numbers, tmp
     ],
 )
 def test_number_that_is_none_is_refused_with_what_to_write(text, instead, tmp_path, import_error):
-    assert instead_of(text) == instead
+    assert correction_of(text) == instead
     csv = f'control_steps,episode_return,seed\n"{text}",5,0\nx,6,0\n'
     error = import_error("csv", written(tmp_path / "c.csv", csv), seed_from=None)
     assert f"which is not a finite number; {instead}." in error

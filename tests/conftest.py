@@ -119,10 +119,9 @@ def demo_results(tmp_path_factory):
     """A results directory like that of `make demo`; tests that write must copy it."""
     from jbench.store import Results
     from tests.demo_results import add_demo
+    from tests.short_episodes import short_episodes
 
     results = Results(tmp_path_factory.mktemp("demo") / "results")
-    with pytest.MonkeyPatch.context() as patch:
-        # The first test that needs them may be one of short episodes.
-        patch.setattr("jbench.task_specs.EPISODE_STEPS", EPISODE_STEPS)
+    with short_episodes(EPISODE_STEPS):  # the first test that needs them may be of shorter ones
         add_demo(results)
     return results

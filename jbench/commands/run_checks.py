@@ -9,11 +9,14 @@ from jbench.settings.run import RunSettings
 from jbench.tasks.find import find_task
 from jbench.training.status import check_state_can_be_kept
 
+_NOTABLE_SLOWDOWN = 1.1  # a smaller one may be noise
 
-def check_runs(runs: Sequence[RunSettings], keep_state: KeepState, device: str) -> None:
+
+def check_runs(runs: Sequence[RunSettings], keep_state: KeepState, device: str | None) -> None:
     """Checks that runs, one of each configuration, can be kept.
 
-    Warns of unexpected lengths, and of a precision that the device, such as cpu, is slow in.
+    Warns of unexpected lengths, and of a precision that this machine's device, such as cpu, is slow
+    in; the device is None if other machines train.
     """
     if keep_state != "no":
         check_state_can_be_kept(runs, keep_state)
@@ -49,7 +52,7 @@ def check_runs(runs: Sequence[RunSettings], keep_state: KeepState, device: str) 
 
 def _warn_of_slow_bfloat16() -> None:
     slowdown = slowdown_of_bfloat16()
-    if slowdown > 1:
+    if slowdown >= _NOTABLE_SLOWDOWN:
         output.warn(
             f"this processor multiplies in bfloat16 {slowdown:.1f} times as slowly as in float32; "
             "leave --precision out (in a matrix file, the key precision)."

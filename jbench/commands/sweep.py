@@ -112,7 +112,8 @@ def sweep(
 
     cells = matrix_cells(parts, database, accept_changed_code)
     output.if_stopped(lambda: training.kept(all_runs(cells), database))
-    check_runs([cell.runs[0] for cell in cells], keep, train_on)
+    measured = train_on if executor == "local" else None
+    check_runs([cell.runs[0] for cell in cells], keep, measured)
     if until_decided:
         more = None if dry_run else train
         document, count = decide(matrix, parts, cells, claims or [], database, limit, more)

@@ -1,7 +1,6 @@
 """The encoder protocol, and saved encoders."""
 
 import json
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Protocol
@@ -18,7 +17,7 @@ from jbench.encoders.kind import Kind, Weights
 from jbench.encoders.registry import code_provenance, make_kind
 from jbench.encoders.scaling import Scaling
 from jbench.errors import RequestError, WorkError
-from jbench.names import ENCODER_KINDS, closest
+from jbench.names import ENCODER_KINDS, closest, kind_in
 from jbench.store import Results
 from jbench.store.code import ChangedCodeError, check_code
 from jbench.store.provenance import shell_command
@@ -142,7 +141,7 @@ def load_encoder(
         command = with_results("jbench train-dae", results.name)
         none = f"there is none yet: run {command}, or jbench train-encoder for another kind"
         there = f"there are {', '.join(ids)}" if ids else none
-        typed = re.sub(r"\d+.*", "", id)
+        typed = kind_in(id)
         meant = closest(typed, [*ENCODER_KINDS])
         hint = f"did you mean {meant}? " if meant not in (None, typed) and "/" not in id else ""
         raise RequestError(

@@ -16,7 +16,7 @@ from jbench.importing.json_curves import curves_by_task, listed_curves
 from jbench.importing.named_columns import read_named_columns
 from jbench.importing.path_names import PathNames, names_in_path
 from jbench.importing.readers import read_evaluations, read_monitor
-from jbench.importing.request import TAGS
+from jbench.importing.request import EVALUATION_TAG, TAGS
 from jbench.names import ReturnsName, in_prose
 from jbench.wording import counted
 
@@ -28,9 +28,6 @@ _MOST = 1e15
 
 _MONITOR = re.compile(rb"#\s*{")
 """Beginning of the file of a Monitor."""
-
-_EVALUATION_TAG = "eval/mean_reward"
-"""Tag of the evaluations of stable-baselines3 in TensorBoard."""
 
 
 def read_curves(path: Path, returns: ReturnsName = "evaluation") -> tables.CurveFile:
@@ -67,7 +64,9 @@ def _files(path: Path, returns: ReturnsName) -> Sequence[Path]:
         if found := sorted(file for pattern in patterns for file in path.rglob(pattern)):
             return found
 
-    raise RequestError(f"{path} is a directory without a .csv, .json or .npz file; name a file.")
+    raise RequestError(
+        f"{path} is a directory without a .csv, .json, .npz or event file; name a file."
+    )
 
 
 def _read(file: tables.ImportedFile, returns: ReturnsName) -> tables.CurveFile:
@@ -157,7 +156,7 @@ def _from_monitor(file: tables.ImportedFile) -> tables.CurveFile:
 def _from_events(file: tables.ImportedFile, returns: ReturnsName) -> tables.CurveFile:
     """Reads the returns of a run in TensorBoard, whose names are those of folders."""
     scalars = read_event_file(file).scalars
-    known = [_EVALUATION_TAG, *TAGS] if returns == "evaluation" else [*TAGS]
+    known = [EVALUATION_TAG, *TAGS] if returns == "evaluation" else [*TAGS]
     tag = next((tag for tag in known if tag in scalars), None)
     if tag is None:
         found = ", ".join(sorted(scalars)) or "none"
@@ -176,7 +175,7 @@ def _from_events(file: tables.ImportedFile, returns: ReturnsName) -> tables.Curv
     means = points.groupby("steps", as_index=False)[["steps", "return"]].mean()
     if len(means) < len(points):
         notes.append(f"Values of {tag} at the same step of a file are averaged.")
-    others = [other for other in (_EVALUATION_TAG, *TAGS) if other in scalars and other != tag]
+    others = [other for other in (EVALUATION_TAG, *TAGS) if other in scalars and other != tag]
     if others:
         notes.append(f"Of the tags in {file.path.name}, {tag} is shown, not {in_prose(others)}.")
 

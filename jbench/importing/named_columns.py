@@ -1,6 +1,7 @@
 """Learning curves in CSV files, whose columns have the names that loggers and papers give them."""
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal
 
@@ -9,7 +10,7 @@ import pandas as pd
 from jbench.errors import RequestError
 from jbench.importing import tables
 from jbench.importing.path_names import PathNames, names_in_path, without_seed
-from jbench.importing.request import RETURN, STEPS, TAGS
+from jbench.importing.request import EVALUATION_TAG, RETURN, STEPS, TAGS
 from jbench.names import in_prose
 
 _MORE_STEPS = (
@@ -36,7 +37,7 @@ _MORE_RETURNS = (
     "episode_return_mean",  # RLlib
     "episode_reward_mean",
     "episode_reward",
-    "eval/mean_reward",
+    EVALUATION_TAG,
     "mean_reward",
     *TAGS,
     "score",
@@ -55,10 +56,10 @@ _NAMES = {
 _GROUP = re.compile(r"^(.*/)?(eval_|train_)?")
 """What a metric's name may have before the name of the number."""
 
-_METRIC = ("metric", "metrics", "tag", "key")
 _LOGS = ("progress", "log", "eval", "evaluations", "train", "monitor", "metrics", "results")
 """Names of files that say nothing of their run."""
 
+_METRIC = ("metric", "metrics", "tag", "key")
 _VALUE = "value"
 """Columns of a file that has a row for each value of each metric."""
 
@@ -72,8 +73,8 @@ def read_named_columns(file: tables.ImportedFile) -> tables.CurveFile:
     # Spreadsheets end the last line without a line break.
     table = tables.read_table(file, ends_line=False)
     _refuse_chart_of_wandb(table, file)
-    columns, notes = _columns(table, file)
     named = {_usual(column): column for column in reversed(list(map(str, table)))}
+    columns, notes = _columns(named, table, file)
     metric = next((named[name] for name in _METRIC if name in named), None)
     if "return" not in columns and metric is not None and _VALUE in named:
         columns["return"] = named[_VALUE]
@@ -154,13 +155,16 @@ def _refuse_chart_of_wandb(table: pd.DataFrame, file: tables.ImportedFile) -> No
         )
 
 
-def _columns(table: pd.DataFrame, file: tables.ImportedFile) -> tuple[dict[str, str], list[str]]:
-    """Returns the column of each role that the table has, and notes on others that may be meant."""
-    named: dict[str, str] = {}
+def _columns(
+    named: Mapping[str, str], table: pd.DataFrame, file: tables.ImportedFile
+) -> tuple[dict[str, str], list[str]]:
+    """Returns the column of each role that the table has, and notes on others that may be meant.
+
+    `named` has the first of its columns by their usual names.
+    """
     in_groups: dict[str, list[str]] = {}
     for column in map(str, table):
         name = _usual(column)
-        named.setdefault(name, column)
         if "/" in name:  # of a tracker, such as config/seed
             in_groups.setdefault(_GROUP.sub("", name), []).append(column)
 

@@ -29,7 +29,7 @@ class PathNames(NamedTuple):
 
 def without_seed(name: str) -> str:
     """Returns a name without the seed in it; empty if it has nothing else."""
-    return "" if name.isdecimal() else _SEED.sub("", name)
+    return "" if name.isdecimal() else _SEED.sub("", name).strip("_-=. ")
 
 
 def names_in_path(path: Path) -> PathNames:

@@ -16,6 +16,9 @@ RETURN = ("episode_return", "episodic_return", "return", "reward")
 TAGS = ("charts/episodic_return", "rollout/ep_rew_mean")
 """Default tags: of CleanRL, an episode each, and of stable-baselines3, means of 100."""
 
+EVALUATION_TAG = "eval/mean_reward"
+"""Tag of the evaluations of stable-baselines3."""
+
 _USED_BY = {
     "tag": ("tensorboard",),
     "steps_column": ("csv", "wandb-csv"),

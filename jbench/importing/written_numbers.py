@@ -26,7 +26,7 @@ def has_decimal_commas(texts: list[str]) -> bool:
     At least one of them, such as 100,5, has no other meaning; 1,000 has two.
     """
     with_comma = [text for text in texts if "," in text]
-    if not all(_DECIMAL_COMMA.fullmatch(text) for text in texts if text):
+    if not with_comma or not all(_DECIMAL_COMMA.fullmatch(text) for text in texts if text):
         return False
 
     return any(not _THOUSANDS.fullmatch(text) for text in with_comma)

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from jbench.errors import RequestError, sentence_of_failure
 
-MAX_EPISODE_STEPS = 100_000
-"""The longest episode of another robot, in control steps."""
+_MOST_MEASURED = 100_000
+"""Most control steps that are made to find a time limit that an environment does not say."""
 
 _UNBOUNDED = 1e9  # dm_control writes 1e10 for an actuator without limits
 
@@ -142,7 +142,7 @@ def measure_episode(environment: Any, bounds: Bounds) -> int:
     is_last = False
     try:
         environment.reset()
-        while not is_last and steps < MAX_EPISODE_STEPS:
+        while not is_last and steps < _MOST_MEASURED:
             timestep = environment.step(command)
             is_last = timestep.last()
             steps += 1
@@ -151,7 +151,7 @@ def measure_episode(environment: Any, bounds: Bounds) -> int:
 
     if not is_last:
         raise UnusableError(
-            f"an episode has more than {MAX_EPISODE_STEPS:,} control steps: give it a time limit"
+            f"an episode has more than {_MOST_MEASURED:,} control steps: give it a time limit"
         )
 
     if timestep.discount == 0:

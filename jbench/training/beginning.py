@@ -29,14 +29,14 @@ class _Source:
 
     Attributes:
         record: of the run whose checkpoint it is.
-        log: of that run at the checkpoint.
+        log: of the run at the checkpoint; None if it is another run's record.
         rows: of its replay buffer, if they had to be computed again.
         copy: tables and checkpoint files for the record of another run; None if it is the run's
             own record.
     """
 
     record: Record
-    log: RunLog
+    log: RunLog | None
     checkpoint: Checkpoint
     rows: Tensor | None
     copy: tuple[dict[str, pa.Table], dict[str, bytes]] | None
@@ -89,8 +89,12 @@ class Beginnings:
 
             rows = self._recomputed.take(run, source, checkpoint)
             try:
-                log = RunLog(source, checkpoint.position)
-                copy = None if source is record else copied(checkpoint, source, run.id, rows)
+                if source is record:
+                    log = RunLog(source, checkpoint.position)
+                    copy = None
+                else:
+                    log = None
+                    copy = copied(checkpoint, source, run.id, rows)
             except UnreadableError:
                 raise  # the rows may be intact: keep them
             except WorkError as error:
@@ -107,7 +111,6 @@ class Beginnings:
         position = source.checkpoint.position
         where: dict[str, Any] = {"control_steps": position.control_steps}
         record = source.record
-        log = source.log
         continues = ""
         if source.copy is not None:
             continues = record.id
@@ -116,8 +119,8 @@ class Beginnings:
             before = {**record.manifest.provenance, "command": provenance()["command"]}
             record = self._results.create("run", run.id, run.values, before)
             record.append(*source.copy)
-            log = RunLog(record, position)
 
+        log = source.log or RunLog(record, position)
         if run.accepted is not None:
             where["code"] = code_of(self._made_on)
         changed = record.resume({**where, **noted(source.rows)}, self._made_on)

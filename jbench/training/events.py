@@ -79,10 +79,9 @@ class Held:
 
 @dataclass(frozen=True)
 class Note:
-    """A sentence for the user, of a worker if it names a run."""
+    """A sentence for the user."""
 
     text: str
-    run: str = ""
 
 
 LastEvent = Finished | Failed | Held

@@ -253,7 +253,7 @@ class TrainingGroup:
             sentence = (
                 f"The state of {member.settings.id} is kept with its replay buffer: {reason}."
             )
-            self._report(Note(sentence, member.settings.id))
+            self._report(Note(sentence))
             return {}
         return compact_files(checkpoint, member.record, replay, index)
 

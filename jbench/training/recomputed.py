@@ -81,7 +81,7 @@ class RecomputedRows:
             f"The replay buffers of {counted(len(kept), 'run')} are computed again from "
             f"{steps:,} actions each."
         )
-        self._report(Note(sentence, run.id))
+        self._report(Note(sentence))
         runs = [read_run(each.record.settings) for each in kept]
         sources = [each for each in runs if isinstance(each, RunSettings)]
         rows = computed_again(

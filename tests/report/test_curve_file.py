@@ -219,7 +219,7 @@ def test_bad_file_is_refused_in_a_sentence(text, says, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("typed", "says"),
     [
-        (["--curves", "empty"], "empty is a directory without a .csv, .json or .npz file"),
+        (["--curves", "empty"], "empty is a directory without a .csv, .json, .npz or event file"),
         (["--curves", "missing.csv"], "missing.csv can't be read"),
         (["--curves", "two.csv", "--compare", "a=1", "b=2"], "exclude each other"),
         (["--curves", "two.csv", "--claims"], "exclude each other"),

@@ -23,7 +23,7 @@ EVENTS = [
     Finished("a"),
     Failed("a", "no luck", 'Traceback:\n  "line" 1'),
     Held("a"),
-    Note("The replay buffer is kept.", "a"),
+    Note("The replay buffer is kept."),
 ]
 
 

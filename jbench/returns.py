@@ -37,10 +37,11 @@ def mean_over_run(points: _Floats) -> float | None:
 
 
 def diverged_return(training: _Floats) -> float:
-    """Returns what a run that diverged counts with from then on, also as its final return.
+    """Returns what a run that diverged counts with from then on, and in lists of runs.
 
-    It is 0, the lowest return of most tasks, or the lowest of its training returns (episodes,) if
-    that is negative: on a task whose returns are costs, 0 would be a success.
+    A report's training return still averages the episodes before. The number is 0, the lowest
+    return of most tasks, or the lowest of its training returns (episodes,) if that is negative: on
+    a task whose returns are costs, 0 would be a success.
     """
     return float(np.min(training, initial=0.0, where=np.isfinite(training)))
 

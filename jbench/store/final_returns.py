@@ -8,7 +8,6 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from jbench.errors import WorkError
-from jbench.returns import diverged_return
 from jbench.store import schema
 from jbench.store.database import Results
 from jbench.store.evaluations import added_returns
@@ -19,7 +18,7 @@ from jbench.store.record import Record
 def final_returns(results: Results) -> tuple[pa.Table, list[str]]:
     """Returns a row for each run, and an error for each that can't be read.
 
-    A run that diverged has the `diverged_return`, as in a report.
+    A run that diverged has the `returns.diverged_return`.
     """
     records, problems = results.scan("run")
     added, unread = added_returns(results, {record.id: record.settings for record in records})
@@ -37,12 +36,5 @@ def final_returns(results: Results) -> tuple[pa.Table, list[str]]:
 def _row(record: Record, added: Sequence[NDArray[np.float64]]) -> ListedRow:
     """Returns the row of a run; see `line_with_returns` for the arguments and errors."""
     line = line_with_returns(record, added)
-    returns = {
-        "evaluation_return": line["evaluation_return"],
-        "evaluation_return_at_end": line["evaluation_return_at_end"],
-        "training_return": line["last_return"],
-    }
-    if isinstance(record.manifest.summary.get("diverged"), dict):
-        training = record.read("episodes")["episode_return"].to_numpy()
-        returns = dict.fromkeys(returns, diverged_return(training))
-    return {**{name: line[name] for name in ("run", "seed", "wall_time", "error")}, **returns}
+    line["training_return"] = line["last_return"]
+    return {name: line[name] for name in schema.TABLES["final_returns"].names}

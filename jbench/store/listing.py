@@ -11,7 +11,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from jbench.errors import WorkError
-from jbench.returns import final_return, last_evaluation_return
+from jbench.returns import diverged_return, final_return, last_evaluation_return
 from jbench.settings.code_words import code_dates, encoder_words
 from jbench.settings.recorded import Run, Unreadable, read_run, recorded_episode_steps, variant
 from jbench.settings.variants import variant_words
@@ -19,12 +19,15 @@ from jbench.store import schema
 from jbench.store.database import Results
 from jbench.store.evaluations import added_returns, evaluation_returns
 from jbench.store.files import DamagedError
-from jbench.store.manifest import MANIFEST, RecordKind
+from jbench.store.manifest import MANIFEST, Manifest, RecordKind
 from jbench.store.record import Record
 from jbench.store.roles import CHECKPOINT
 
 ListedRow = dict[str, Any]
 """Values by column."""
+
+_FINAL_RETURNS = ("last_return", "evaluation_return", "evaluation_return_at_end")
+"""Columns of a line with returns, in which a run that diverged has its `diverged_return`."""
 
 KIND_TABLES: dict[RecordKind, tuple[str, dict[str, pa.Schema]]] = {
     "run": ("runs", schema.RUN_TABLES),
@@ -69,12 +72,18 @@ def _converted(value: Any, field: pa.Field) -> Any:
     return float(value) if field.type == pa.float64() else value
 
 
+def has_diverged(manifest: Manifest) -> bool:
+    """Returns whether a run diverged; its manifest is untrusted."""
+    return isinstance(manifest.summary.get("diverged"), dict)
+
+
 def _counted(record: Record) -> ListedRow:
     """Returns the columns of a record's row that are specific to its kind."""
     manifest = record.manifest
     if record.kind == "run":
-        diverged = manifest.summary.get("diverged")
-        text = json.dumps(diverged, sort_keys=True) if isinstance(diverged, dict) else None
+        text = None
+        if has_diverged(manifest):
+            text = json.dumps(manifest.summary["diverged"], sort_keys=True)
         counts = {"variant": variant(record.settings), "episodes": record.rows("episodes")}
         return {**counts, "diverged": text, "error": record.error}
 
@@ -199,13 +208,13 @@ def make_line(record: Record) -> ListedRow:
         **{n: row.get(n) for n in ("steps", "wall_time", "created", "updated", "returns")},
         "error": record.error,
         "variant": row.get("variant"),
-        **dict.fromkeys(("last_return", "evaluation_return", "evaluation_return_at_end")),
+        **dict.fromkeys(_FINAL_RETURNS),
     }
     return finite(line)
 
 
 def line_with_returns(record: Record, added: Sequence[NDArray[np.float64]]) -> ListedRow:
-    """Returns the line of a record with its final returns; see `added_returns`.
+    """Returns the line of a record with its `_FINAL_RETURNS`; see `added_returns`.
 
     Raises as `make_row`, and a WorkError if rows can't be read: `Record.reading` tries again.
     """
@@ -223,12 +232,16 @@ def line_with_returns(record: Record, added: Sequence[NDArray[np.float64]]) -> L
         return line
 
     rows = record.read("episodes")
-    if len(rows):
-        line["last_return"] = final_return(rows["episode_return"].to_numpy())
+    training = rows["episode_return"].to_numpy()
+    if has_diverged(record.manifest):
+        line.update(dict.fromkeys(_FINAL_RETURNS, diverged_return(training)))
+    elif len(rows):
+        line["last_return"] = final_return(training)
         for name, more in (("evaluation_return", added), ("evaluation_return_at_end", ())):
             line[name] = last_evaluation_return(*evaluation_returns(record, more))
-        if line["wall_time"] is None:
-            line["wall_time"] = rows["wall_time"][-1].as_py()
+
+    if len(rows) and line["wall_time"] is None:
+        line["wall_time"] = rows["wall_time"][-1].as_py()
 
     return finite(line)
 

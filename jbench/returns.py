@@ -9,6 +9,12 @@ from numpy.typing import NDArray
 
 from jbench.names import ReturnsName
 
+EVALUATION: ReturnsName = "evaluation"
+"""Mean return of the episodes of an evaluation, in which the policy is deterministic."""
+
+TRAINING: ReturnsName = "training"
+"""Return of a training episode, exploration included."""
+
 AVERAGED_EPISODES = 100
 """Maximum number of episodes in a final return: the paper's moving average (Figures 8 and 9)."""
 
@@ -20,11 +26,11 @@ def averaged_points(points: NDArray[np.int64], kind: ReturnsName) -> NDArray[np.
 
     It is 1 for evaluations. For training episodes it is a quarter of them, from 1 to the maximum.
     """
-    most = 1 if kind == "evaluation" else AVERAGED_EPISODES
+    most = 1 if kind == EVALUATION else AVERAGED_EPISODES
     return np.clip(points // 4, 1, most)
 
 
-def final_return(points: _Floats, kind: ReturnsName = "training") -> float | None:
+def final_return(points: _Floats, kind: ReturnsName = TRAINING) -> float | None:
     """Returns the mean of the last points of a run (points,); None if none of them is finite."""
     last = int(averaged_points(np.array(len(points)), kind))
     return mean_over_run(points[-last:])

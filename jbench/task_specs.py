@@ -1,5 +1,6 @@
 """Names of tasks, and the five tasks as data; no heavy imports, so help and completion are fast."""
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -88,6 +89,12 @@ def return_range(task: str) -> tuple[float, float] | None:
     """Returns the least and the largest possible return of an episode; None if unknown."""
     is_known = task in TASK_SPECS or task.startswith(SUITE)
     return (0.0, 1000.0) if is_known else None
+
+
+def highest_return(task: str) -> float:
+    """Returns the largest possible return of an episode; infinity if it is unknown."""
+    known = return_range(task)
+    return math.inf if known is None else known[1]
 
 
 def default_base(task: str) -> Literal["published", "suite"]:

@@ -56,8 +56,8 @@ def demo(
     It collects a dataset, trains an encoder and agents, and writes a report.
     """
     from jbench.commands.progress import sparkline
-    from jbench.report.data.returns import highest_return
     from jbench.store.query import query_results
+    from jbench.task_specs import highest_return
 
     database = parsing.results_to_write(results)
     output.say(

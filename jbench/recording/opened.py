@@ -12,13 +12,20 @@ import pandas as pd
 import pyarrow.compute as pc
 
 from jbench.errors import NothingYetError
-from jbench.names import FULL, NO_ENCODER, Order, ReturnsName, in_prose, shown_representation
+from jbench.names import (
+    FULL,
+    NO_ENCODER,
+    RETURNS,
+    Order,
+    ReturnsName,
+    in_prose,
+    shown_representation,
+)
 from jbench.report.configurations import seed_frame
 from jbench.report.data import sources
 from jbench.report.data.configuration import Configuration, with_returns
 from jbench.report.data.curves import QUANTILES, Curve
 from jbench.report.data.points import Part, long_frame
-from jbench.report.data.returns import KINDS
 from jbench.report.request import WINDOW, Request
 from jbench.returns import last_evaluation_return
 from jbench.settings.base import validated
@@ -114,7 +121,7 @@ class OpenedResults:
         source = self._rows(Request(task=task, algo=algo), representation)
         seeds = seed_frame(source.configurations)
         finals = seeds.pivot(index=["source", "run"], columns="returns", values="final")
-        finals = finals.reindex(columns=[*KINDS]).add_suffix("_return")
+        finals = finals.reindex(columns=[*RETURNS]).add_suffix("_return")
         runs = source.runs[_RUN].reset_index(drop=True).join(finals, on=["source", "run"])
         # No episodes are added to a run that diverged: see `returns.diverged_return`.
         has_diverged = source.runs["diverged"].notna().to_numpy()

@@ -1,8 +1,8 @@
 """Tables of what was compared: verdicts, planned decisions, two sides or methods, and claims."""
 
 from jbench.report.analysis.claims import paper_claims
-from jbench.report.data.returns import ratio, signed, steps
 from jbench.report.frames import Frames
+from jbench.report.numbers import ratio, signed, steps
 from jbench.report.table import (
     ALGO,
     INTERVAL,

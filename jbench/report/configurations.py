@@ -9,13 +9,16 @@ import pandas as pd
 from jbench.names import kind_in, shown_representation
 from jbench.report.analysis.findings import decide_solved
 from jbench.report.analysis.scores import seed_scores
-from jbench.report.data.configuration import ID, IMPORTED, Configuration
+from jbench.report.data.configuration import ID, Configuration
 from jbench.report.data.curves import NAMES, Curve, SeedCurve, best_median, centers
 from jbench.report.data.points import long_frame
-from jbench.report.data.returns import SOLVED, TRAINING, display_name
+from jbench.report.data.source_names import IMPORTED
+from jbench.returns import TRAINING
+from jbench.settings.algorithms import display_name
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
 from jbench.statistics.agents import components, smallest_difference
+from jbench.task_specs import SOLVED_RETURN
 
 Curves = Sequence[tuple[Configuration, Curve]]
 
@@ -66,12 +69,14 @@ def configuration_frame(curves: Curves, published: pd.DataFrame) -> pd.DataFrame
     steps_min and steps (control steps of training), diverged (seeds). Statistics with the ends of
     their 95% intervals (…_low, …_high): median, iqm (interquartile mean) and deviation (standard
     deviation) of the final returns, over_run (interquartile mean of the mean return over the run),
-    solved_steps (median of the control steps to a return of `SOLVED`; infinite: after the runs'
-    end; NaN for a sequence of robots), s (standard deviation between agents). deviation_by_episodes
-    (that of final returns if all agents were equally good), detectable (smallest difference of
-    means that two such configurations show), reached (seeds that reach `SOLVED`), solved (whether
-    the median is 900 or more: yes, no or undecided), published (the paper's median at the same
-    control step) and published_figure, note.
+    solved_steps (median of the control steps to a return of `SOLVED_RETURN`; infinite: after the
+    runs' end; NaN for a sequence of robots), s (standard deviation between agents).
+
+    Without intervals: deviation_by_episodes (standard deviation of final returns if all agents were
+    equally good), detectable (smallest difference of means that two such configurations show),
+    reached (seeds that reach `SOLVED_RETURN`), solved (whether the median is at least that: yes, no
+    or undecided), published (the paper's median at the same control step) and published_figure,
+    note.
     """
     rows = []
     for config, curve in curves:
@@ -115,10 +120,10 @@ def configuration_frame(curves: Curves, published: pd.DataFrame) -> pd.DataFrame
 
 
 def _solved_steps(curves: Sequence[SeedCurve]) -> FloatArray:
-    """Returns the first control step of each seed at which a whole window has reached `SOLVED`."""
+    """Returns the control step at which a whole window of each seed first has `SOLVED_RETURN`."""
     first = []
     for curve in curves:
-        solved = (curve.values >= SOLVED) & (curve.widths == curve.window)
+        solved = (curve.values >= SOLVED_RETURN) & (curve.widths == curve.window)
         if len(curve.values):
             first.append(curve.control_steps[solved].min(initial=np.inf))
     return np.array(first)

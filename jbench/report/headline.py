@@ -6,7 +6,8 @@ from collections.abc import Iterator, Mapping
 import pandas as pd
 
 from jbench.names import FULL, in_prose
-from jbench.report.data.returns import FILE, steps, whole
+from jbench.report.data.source_names import FILE
+from jbench.report.numbers import steps, whole
 from jbench.statistics.bootstrap import DECIDING_SEEDS
 
 _OUTCOMES = {

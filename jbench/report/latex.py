@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from jbench.report.data.returns import fixed, signed, whole
+from jbench.report.numbers import fixed, signed, whole
 from jbench.report.table import TASK, Column, Form, FrameRow, Table
 
 _LONG_NAME = 16  # characters; a column with a longer text has lines

@@ -9,11 +9,12 @@ from jbench.errors import RequestError
 from jbench.names import FULL, HEURISTIC
 from jbench.report.configurations import configuration_frame
 from jbench.report.data import sources
-from jbench.report.data.configuration import IMPORTED, OWN, in_order, with_returns
-from jbench.report.data.curves import CURVE, PUBLISHED, SEQUENCE, read_published
-from jbench.report.data.returns import display_name
+from jbench.report.data.configuration import in_order, with_returns
+from jbench.report.data.curves import CURVE, SEQUENCE, read_published
+from jbench.report.data.source_names import IMPORTED, OWN, PUBLISHED
 from jbench.report.policies import hand_written_returns
 from jbench.report.request import Request
+from jbench.settings.algorithms import display_name
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
 from jbench.store import Results, query

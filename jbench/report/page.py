@@ -12,7 +12,6 @@ from matplotlib.markers import MarkerStyle
 from jbench.names import MEANINGS, kind_in
 from jbench.paper import CITATION
 from jbench.report import style
-from jbench.report.data.returns import clean
 from jbench.report.encoders import descriptions
 from jbench.report.figures.chart import Chart
 from jbench.report.frames import Frames
@@ -21,6 +20,7 @@ from jbench.report.runs import run_details
 from jbench.report.svg import panel_svgs
 from jbench.report.table import Column, Table
 from jbench.report.tables import notes, tables
+from jbench.report.texts import clean
 from jbench.report.verdict_matrices import verdict_matrices
 from jbench.wording import counted
 

@@ -5,17 +5,19 @@ from collections.abc import Sequence
 import pandas as pd
 
 from jbench.errors import NothingYetError, RequestError, WorkError
+from jbench.names import RETURNS
 from jbench.report import policies
 from jbench.report.analysis import compare
 from jbench.report.analysis.claims import claim_frame, examine, published_findings
 from jbench.report.analysis.decisions import StudyComparison
+from jbench.report.analysis.findings import Finding
 from jbench.report.analysis.scores import Pair
 from jbench.report.data import sources
 from jbench.report.data.configuration import Configuration, with_returns
-from jbench.report.data.returns import KINDS, TRAINING
 from jbench.report.data.sources import Source
 from jbench.report.encoders import encoder_frame
 from jbench.report.request import Request
+from jbench.returns import TRAINING
 from jbench.settings.run import RunSettings
 from jbench.settings.variants import hyperparameter_words
 from jbench.store import Results
@@ -121,7 +123,11 @@ def tested_claims(
     """Returns the findings on the paper's claims, and what to type for those not tested."""
     if results is None or not request.claims:
         return claim_frame(), []
-    ours = [finding for kind in KINDS for finding in examine(with_returns(trained, kind), planned)]
+
+    ours: list[Finding] = []
+    for kind in RETURNS:
+        ours += examine(with_returns(trained, kind), planned)
+
     by_hand, notes = policies.findings(source.tables, request.task, results.name)
     papers = published_findings(request.task, request.algo)
     # Two sides are compared without their policies.

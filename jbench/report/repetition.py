@@ -7,9 +7,9 @@ from typing import Any
 
 import pandas as pd
 
-from jbench.report.data.configuration import IMPORTED
-from jbench.report.data.returns import FILE, clean
+from jbench.report.data.source_names import FILE, IMPORTED
 from jbench.report.data.sources import Source
+from jbench.report.texts import clean
 from jbench.studies.commands import commands
 from jbench.studies.rebuilt_matrix import matrix
 from jbench.wording import counted

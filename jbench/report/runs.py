@@ -11,9 +11,11 @@ import pandas as pd
 from jbench.names import ReturnsName, kind_in, shown_representation
 from jbench.report.configurations import seed_frame
 from jbench.report.data.build import divergence
-from jbench.report.data.configuration import ID, OWN, with_returns
-from jbench.report.data.returns import clean, display_name
+from jbench.report.data.configuration import ID, with_returns
+from jbench.report.data.source_names import OWN
 from jbench.report.data.sources import Source
+from jbench.report.texts import clean
+from jbench.settings.algorithms import display_name
 from jbench.settings.recorded import flatten, parse_run
 from jbench.settings.run import RunSettings
 from jbench.settings.variants import value_text

@@ -14,7 +14,8 @@ import pyarrow as pa
 from pyarrow import csv
 
 from jbench.errors import RequestError
-from jbench.report.data.returns import clean, map_texts, steps, whole
+from jbench.report.numbers import steps, whole
+from jbench.report.texts import clean, map_texts
 from jbench.wording import not_formula
 
 FrameRow = Mapping[Any, Any]

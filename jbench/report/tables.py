@@ -10,10 +10,10 @@ from jbench.report.comparison_tables import (
     decisions_table,
     verdicts_table,
 )
-from jbench.report.data.configuration import OWN
-from jbench.report.data.returns import FILE, SOLVED, TRAINING, ratio, steps
+from jbench.report.data.source_names import FILE, OWN
 from jbench.report.encoders import PREDICTED
 from jbench.report.frames import Frames
+from jbench.report.numbers import ratio, steps
 from jbench.report.table import (
     ALGO,
     INTERVAL,
@@ -28,7 +28,9 @@ from jbench.report.table import (
     number,
     plain,
 )
+from jbench.returns import TRAINING
 from jbench.statistics.bootstrap import DECIDING_SEEDS
+from jbench.task_specs import SOLVED_RETURN
 
 _FINAL = {
     "evaluation": "Mean return of a run's last evaluation, in which the policy is deterministic.",
@@ -115,8 +117,8 @@ def _final_returns(frames: Frames) -> Table:
             "detectable",
             note="Detectable: smallest difference that these seeds would show.",
         ),
-        Column(f"reach {SOLVED}", "reached", "{0[reached]} of {0[seeds]}".format, True),
-        estimate(f"steps to {SOLVED}", "solved_steps", steps),
+        Column(f"reach {SOLVED_RETURN}", "reached", "{0[reached]} of {0[seeds]}".format, True),
+        estimate(f"steps to {SOLVED_RETURN}", "solved_steps", steps),
         number("published median", "published"),
     ]
     title = f"Final {frames.returns} returns"

@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 
 from jbench.report.comparison_tables import COMPARED
-from jbench.report.data.configuration import OWN
-from jbench.report.data.returns import rounded
+from jbench.report.data.source_names import OWN
 from jbench.report.frames import Frames
+from jbench.report.numbers import rounded
 from jbench.statistics.bootstrap import DECIDING_SEEDS
 from jbench.studies.deciding import MARGIN
 

@@ -8,7 +8,7 @@ from jbench.cli import main
 from jbench.report.data.build import build, usable_runs
 from jbench.report.data.configuration import with_returns
 from jbench.report.data.curves import read_published
-from jbench.report.data.returns import TRAINING
+from jbench.returns import TRAINING
 from jbench.store import Results, listed, query, schema
 from tests.report import browser
 from tests.store.store_rows import alter_manifest

@@ -9,9 +9,9 @@ import pytest
 import jbench
 from jbench.cli import main
 from jbench.report.data.common_steps import means_over_run
-from jbench.report.data.returns import EVALUATION
 from jbench.report.frames import Frames
 from jbench.report.request import Request
+from jbench.returns import EVALUATION
 from jbench.store import Results
 
 STRANGERS = Path(__file__).parents[1] / "importing" / "strangers"

@@ -11,7 +11,7 @@ from jbench.report.data.curves import (
     quantiles_across_seeds,
     seed_curve,
 )
-from jbench.report.data.returns import TRAINING
+from jbench.returns import TRAINING
 
 
 def cell(*runs):

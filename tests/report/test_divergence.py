@@ -4,8 +4,8 @@ import numpy as np
 
 import jbench
 from jbench.report.analysis.scores import seed_scores
-from jbench.report.data.returns import EVALUATION
 from jbench.report.frames import Frames
+from jbench.returns import EVALUATION
 
 FLAT = np.full(40, 500.0)
 LAST = {20_000: 400.0, 40_000: 600.0}

@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 
 from jbench.names import ENCODER_KINDS, kind_in
 from jbench.report import style
-from jbench.report.data.returns import map_texts
 from jbench.report.encoders import PREDICTED
 from jbench.report.figures import charts
 from jbench.report.figures.chart import Panel
@@ -20,6 +19,7 @@ from jbench.report.figures.curves import drawn_points
 from jbench.report.frames import Frames
 from jbench.report.request import Request
 from jbench.report.svg import panel_svgs
+from jbench.report.texts import map_texts
 
 NAMES = [
     "full",

@@ -9,7 +9,7 @@ import pytest
 
 import jbench
 from jbench.cli import main
-from jbench.report.data.configuration import IMPORTED
+from jbench.report.data.source_names import IMPORTED
 from jbench.report.figures import charts
 from jbench.report.frames import Frames
 from jbench.report.request import Request

@@ -10,10 +10,10 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 
 from jbench.report import page
-from jbench.report.data.returns import clean, map_texts
 from jbench.report.figures import charts
 from jbench.report.frames import Frames
 from jbench.report.request import Request
+from jbench.report.texts import clean, map_texts
 from jbench.store.shipped import shipped_results
 from tests.report.browser import DESKTOP, HOSTILE, PHONE, SIDEWAYS
 

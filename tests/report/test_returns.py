@@ -5,12 +5,13 @@ import pytest
 
 import jbench
 from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, seed_scores
-from jbench.report.data.returns import EVALUATION, TRAINING, highest_return
 from jbench.report.frames import Frames
 from jbench.report.request import Request
+from jbench.returns import EVALUATION, TRAINING
 from jbench.store.evaluations import added_returns
 from jbench.store.listing import list_runs
 from jbench.sweeps.deciding import compared_return
+from jbench.task_specs import highest_return
 
 FLAT = np.full(40, 500.0)
 RISING = {10_000: 100.0, 20_000: 300.0, 30_000: 600.0, 40_000: 950.0}

@@ -11,7 +11,7 @@ from jbench.report.analysis.scores import seed_scores
 from jbench.report.analysis.verdicts import VERDICTS
 from jbench.report.configurations import configuration_frame
 from jbench.report.data.curves import read_published
-from jbench.report.data.returns import EVALUATION, TRAINING
+from jbench.returns import EVALUATION, TRAINING
 from jbench.store import query
 
 

@@ -9,11 +9,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jbench.report.data import returns as words
+from jbench.report import numbers
 from jbench.report.frames import Frames
 from jbench.report.latex import to_latex
 from jbench.report.table import Table, estimate, number, plain, to_csv, to_markdown
 from jbench.report.tables import tables
+from jbench.report.texts import clean
 
 
 def table(columns=None, **values):
@@ -85,7 +86,7 @@ def test_numbers_of_a_column_in_latex_have_as_many_decimals(values, written):
 
 
 def test_intervals_in_latex_have_the_decimals_of_their_numbers():
-    columns = [plain("x"), number("difference", "by", words.signed, ("low", "high"))]
+    columns = [plain("x"), number("difference", "by", numbers.signed, ("low", "high"))]
     made = table(columns, x=[*"ab"], by=[14.4, -6.84], low=[-3.14, np.nan], high=[32.0, np.nan])
     assert [row[1:] for row in latex_rows(made)] == [
         ["+14.4", "{[}-3.1, +32.0]"],
@@ -120,7 +121,7 @@ def test_latex_escapes_commands_in_names(name, written):
 
 def test_control_characters_and_formulas_reach_no_file():
     hostile = "=cmd|' /C calc'!A0\x07\x1b[2J\u202ex\nnew"
-    assert words.clean(hostile) == "=cmd|' /C calc'!A0\ufffd\ufffd[2J\ufffdx new"
+    assert clean(hostile) == "=cmd|' /C calc'!A0\ufffd\ufffd[2J\ufffdx new"
     (row,) = csv.DictReader(io.StringIO(to_csv(pd.DataFrame({"name": [hostile], "x": [-1.5]}))))
     assert row["name"].startswith("'=cmd")
     assert row["x"] == "-1.5"  # a number is no formula
@@ -169,16 +170,16 @@ def test_number_is_written_with_interval(row, printed):
 
 
 def test_differences_have_sign_and_no_minus_zero():
-    assert [words.signed(x) for x in (12.4, -12.4, 1e-9, -1e-9)] == ["+12", "-12", "0", "0"]
-    assert words.whole(-1e-9) == "0"
-    assert [words.rounded(x) for x in (12.4, -0.16, 0.4, -0.6)] == ["+12", "0", "0", "-1"]
-    assert words.ratio(-0.001) == "0.00"
+    assert [numbers.signed(x) for x in (12.4, -12.4, 1e-9, -1e-9)] == ["+12", "-12", "0", "0"]
+    assert numbers.whole(-1e-9) == "0"
+    assert [numbers.rounded(x) for x in (12.4, -0.16, 0.4, -0.6)] == ["+12", "0", "0", "-1"]
+    assert numbers.ratio(-0.001) == "0.00"
 
 
 def test_small_numbers_have_two_digits():
     # Returns of other environments may be from 0 to 1.
-    assert [words.signed(x) for x in (0.234, -9.94, 9.96)] == ["+0.23", "-9.9", "+10"]
-    assert [words.whole(x) for x in (0.234, -9.94, 9.96)] == ["0.23", "-9.9", "10"]
+    assert [numbers.signed(x) for x in (0.234, -9.94, 9.96)] == ["+0.23", "-9.9", "+10"]
+    assert [numbers.whole(x) for x in (0.234, -9.94, 9.96)] == ["0.23", "-9.9", "10"]
 
 
 @pytest.mark.parametrize(
@@ -186,6 +187,6 @@ def test_small_numbers_have_two_digits():
     [(500, "500"), (22_500, "22.5k"), (300_000, "300k"), (999_900, "1M"), (2_154_321, "2.15M")],
 )
 def test_steps_are_abbreviated(steps, printed):
-    assert words.steps(steps) == printed
+    assert numbers.steps(steps) == printed
     values = {"x": steps, "x_low": steps, "x_high": math.inf}
-    assert estimate("x", "x", words.steps).text(values) == f"{printed} [{printed}, not reached]"
+    assert estimate("x", "x", numbers.steps).text(values) == f"{printed} [{printed}, not reached]"

@@ -20,7 +20,7 @@ from jbench.report.analysis.decisions import StudyComparison
 from jbench.report.analysis.findings import Decided, Finding, decide, decide_solved
 from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, Scores, seed_scores
 from jbench.report.data.configuration import Configuration, differing_in
-from jbench.report.data.returns import ratio, rounded, signed, steps, whole
+from jbench.report.numbers import ratio, rounded, signed, steps, whole
 from jbench.settings.recorded import comparable
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st

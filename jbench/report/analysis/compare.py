@@ -6,10 +6,11 @@ from typing import Any
 
 import pandas as pd
 
+from jbench.names import RETURNS
 from jbench.report.analysis.judging import Comparison, judge
 from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, Range, ranges, strata, together
 from jbench.report.data.configuration import Configuration, Configurations
-from jbench.report.data.returns import FILE, KINDS, has_return_range
+from jbench.report.data.source_names import FILE, has_return_range
 from jbench.settings.recorded import comparable
 from jbench.settings.variants import variant_labels
 from jbench.statistics import bootstrap as st
@@ -60,7 +61,7 @@ def comparison_frame(groups: Sequence[Sequence[Pair]]) -> pd.DataFrame:
     one pair, or one on each of several tasks.
     """
     rows: list[dict[str, Any]] = []
-    for kind in KINDS:
+    for kind in RETURNS:
         chosen = [pairs for pairs in groups if pairs[0].ours.kind == kind]
         known = ranges([config for pairs in chosen for pair in pairs for config in pair.sides])
         family = [_compared(pairs, known) for pairs in chosen]

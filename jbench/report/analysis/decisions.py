@@ -9,7 +9,7 @@ import pandas as pd
 from jbench.names import ReturnsName
 from jbench.report.analysis.scores import seed_scores
 from jbench.report.data.configuration import ID, Configuration
-from jbench.report.data.returns import EVALUATION, TRAINING
+from jbench.returns import EVALUATION, TRAINING
 from jbench.studies.arms import Arm, run_key
 from jbench.studies.deciding import decide, decided_word
 from jbench.studies.study import PlannedComparison, shipped_studies

@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from jbench.report.data.configuration import OWN
-from jbench.report.data.returns import EVALUATION, SOLVED
+from jbench.report.data.source_names import OWN
+from jbench.returns import EVALUATION
 from jbench.statistics import bootstrap as st
 from jbench.statistics.agents import seeds_to_decide
+from jbench.task_specs import SOLVED_RETURN
 
 
 @dataclass(frozen=True)
@@ -110,5 +111,5 @@ def decide(
 
 
 def decide_solved(median: st.Estimate, seeds: int) -> Decided:
-    """Returns the verdict on a median return of `SOLVED` or more; see `decide`."""
-    return decide(median, seeds, SOLVED - 1e-9)  # a median of exactly 900 solves a task
+    """Returns the verdict on a median return of `SOLVED_RETURN` or more; see `decide`."""
+    return decide(median, seeds, SOLVED_RETURN - 1e-9)  # a median of exactly 900 solves a task

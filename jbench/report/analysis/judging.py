@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from jbench.report.data.returns import signed, whole
+from jbench.report.numbers import signed, whole
 from jbench.statistics import bootstrap as st
 from jbench.statistics.step_down import Interval, corrected_level
 from jbench.studies.deciding import MARGIN, WORDS

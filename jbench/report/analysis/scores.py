@@ -12,10 +12,11 @@ import numpy as np
 import pandas as pd
 
 from jbench.report.data.common_steps import means_over_run
-from jbench.report.data.configuration import ID, IMPORTED, Configuration, in_order
+from jbench.report.data.configuration import ID, Configuration, in_order
 from jbench.report.data.curves import final_returns
 from jbench.report.data.points import long_frame
-from jbench.report.data.returns import EVALUATION, FILE
+from jbench.report.data.source_names import FILE, IMPORTED
+from jbench.returns import EVALUATION
 from jbench.statistics import BoolArray, FloatArray
 from jbench.statistics import bootstrap as st
 from jbench.statistics.agents import Agents, difference

@@ -11,12 +11,12 @@ from collections.abc import Sequence
 
 import pandas as pd
 
+from jbench.names import RETURNS
 from jbench.report.analysis.baselines import with_baselines
 from jbench.report.analysis.decisions import StudyComparison
 from jbench.report.analysis.judging import SEQUENTIAL, Comparison, judge
 from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair
 from jbench.report.data.configuration import ID, Configuration, with_returns
-from jbench.report.data.returns import KINDS
 from jbench.statistics import bootstrap as st
 from jbench.studies.deciding import WORDS
 
@@ -52,7 +52,7 @@ def verdict_frame(
     """
     listed = {tuple(row[key] for key in _KEYS): row for row in decisions.to_dict("records")}
     every: list[Comparison] = []
-    for kind in KINDS:
+    for kind in RETURNS:
         asked = [
             _comparison(claim, pair)
             for pair in with_baselines(with_returns(configurations, kind), planned)

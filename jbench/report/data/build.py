@@ -14,10 +14,10 @@ import pyarrow as pa
 
 from jbench.names import ReturnsName
 from jbench.report.data.code import note_changes, recorded_code, split_by_code
-from jbench.report.data.configuration import KEY, OWN, Configuration, paper_order
+from jbench.report.data.configuration import KEY, Configuration, paper_order
 from jbench.report.data.points import FIELDS, NOTHING, count_divergence, run_points, stacked
-from jbench.report.data.returns import EVALUATION, FILE, TRAINING
-from jbench.returns import diverged_return
+from jbench.report.data.source_names import FILE, OWN
+from jbench.returns import EVALUATION, TRAINING, diverged_return
 from jbench.settings.code_words import code_dates
 from jbench.settings.recorded import comparable, parse_run
 from jbench.settings.variants import CUT, chosen_words, variant_words

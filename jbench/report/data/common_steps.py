@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jbench.names import ReturnsName
-from jbench.report.data.returns import TRAINING
+from jbench.returns import TRAINING
 from jbench.statistics import BoolArray, FloatArray
 
 _FINE = 1001

@@ -17,15 +17,12 @@ from jbench.report.data.common_steps import (
 )
 from jbench.report.data.curves import Curve, SeedCurve, learning_curve, seed_curve
 from jbench.report.data.points import FIELDS, Points
-from jbench.report.data.returns import EVALUATION, FILE, display_name, has_solved_return
+from jbench.report.data.source_names import FILE, OWN, has_solved_return
 from jbench.report.request import WINDOW
-from jbench.settings.algorithms import ALGORITHMS
+from jbench.returns import EVALUATION
+from jbench.settings.algorithms import ALGORITHMS, display_name
 from jbench.settings.recorded import comparable
 from jbench.statistics import IntArray
-
-OWN = "own"
-IMPORTED = "imported"
-"""Sources of the runs in the reported results, and of imported learning curves."""
 
 SEQUENCE_WINDOW = 20  # episodes in a moving average, of one robot each (the authors' script)
 KEY = ["task", "algo", "representation", "variant"]  # columns of runs that name a configuration
@@ -64,7 +61,7 @@ class Configuration:
         robots: number of augmented robots in sequence; 0 for the plain robot.
         robot_episodes: episodes with each robot, in the longest run.
         draws: number of different encoders of the runs.
-        has_solved_return: whether `SOLVED` counts; what solves tasks of other robots is unknown.
+        has_solved_return: whether it is known from which return the task is solved.
         each_word: settings that its names have, such as `batch_size=64`.
         words: these settings, with commas.
         label: name within a task: `TD3 dae12, bfloat16`.

@@ -9,12 +9,12 @@ import pyarrow as pa
 from numpy.lib.stride_tricks import sliding_window_view
 
 from jbench.names import FULL, Order, ReturnsName
+from jbench.report.data.source_names import PUBLISHED
 from jbench.returns import averaged_points, mean_over_run
 from jbench.statistics import FloatArray, IntArray
 from jbench.task_specs import episode_steps
 
 QUANTILES = (10, 25, 50, 75, 90)  # percent, across seeds
-PUBLISHED = "published"  # source of the paper's curves
 SEQUENCE = "augmented SAC"  # the authors' curve of SAC on augmented robots in sequence
 
 # Columns of quantiles in frames, and those that name a curve.

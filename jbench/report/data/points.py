@@ -11,7 +11,7 @@ import pandas as pd
 import pyarrow as pa
 
 from jbench.names import ReturnsName
-from jbench.report.data.returns import EVALUATION, TRAINING
+from jbench.returns import EVALUATION, TRAINING
 from jbench.statistics import FloatArray
 
 POINT = ["episode_return", "control_steps", "processor_time"]

@@ -17,10 +17,11 @@ from jbench.importing.curves import as_imports, as_runs
 from jbench.importing.dialects import read_curves
 from jbench.names import REFERENCE, shown_representation
 from jbench.report.data.build import build, usable_runs
-from jbench.report.data.configuration import IMPORTED, OWN, Configuration, paper_order
+from jbench.report.data.configuration import Configuration, paper_order
 from jbench.report.data.points import PATHS, POINT, run_paths
-from jbench.report.data.returns import EVALUATION, FILE
+from jbench.report.data.source_names import FILE, IMPORTED, OWN
 from jbench.report.request import Request, setting, settings_typed
+from jbench.returns import EVALUATION
 from jbench.settings.code_words import encoder_words
 from jbench.settings.recorded import flatten, parse_run
 from jbench.settings.variants import value_text

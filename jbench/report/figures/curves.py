@@ -8,13 +8,12 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from jbench.report import style
-from jbench.report.data.configuration import IMPORTED, OWN
-from jbench.report.data.curves import PUBLISHED
-from jbench.report.data.returns import EVALUATION, FILE, TRAINING
+from jbench.report.data.source_names import FILE, IMPORTED, OWN, PUBLISHED
 from jbench.report.figures import marks
 from jbench.report.figures.chart import Chart, Draw, Panel, by_task
 from jbench.report.frames import Frames
 from jbench.report.style import Look, Looks
+from jbench.returns import EVALUATION, TRAINING
 
 _BESIDE = {PUBLISHED: "published, training", IMPORTED: "imported"}  # dotted curves in legends
 _UNEQUAL = 3  # ratio of lengths from which the axis is logarithmic

@@ -12,8 +12,10 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 
 from jbench.report import style
-from jbench.report.data.returns import SOLVED, has_return_range, has_solved_return, whole
+from jbench.report.data.source_names import has_return_range, has_solved_return
+from jbench.report.numbers import whole
 from jbench.report.style import Look, Looks
+from jbench.task_specs import SOLVED_RETURN
 
 MOST_POINTS = 80  # of a curve that are drawn; a panel of a page is about 300 pixels wide
 ROW = 0.24  # height of a row in inches
@@ -97,7 +99,7 @@ def name_rows(axes: Axes, names: Sequence[str] | pd.Series) -> None:
 def add_solved(axes: Axes, rows: pd.DataFrame) -> None:
     """Draws the return of a solved task as a vertical line, if the tasks of rows have one."""
     if has_solved_return(rows["task"], rows["source"]):
-        axes.axvline(SOLVED, color=style.SOFT, linewidth=0.7)
+        axes.axvline(SOLVED_RETURN, color=style.SOFT, linewidth=0.7)
 
 
 def set_returns(
@@ -154,7 +156,7 @@ def set_logarithmic(axes: Axes, name: str) -> None:
 def add_levels(axes: Axes, rows: pd.DataFrame, baselines: pd.DataFrame | None) -> None:
     """Draws the returns of policies without training and that of a solved task."""
     solved = has_solved_return(rows["task"], rows["source"])
-    levels = {"solved": float(SOLVED)} if solved else {}
+    levels = {"solved": float(SOLVED_RETURN)} if solved else {}
     if baselines is not None:
         mine = baselines[baselines["task"].isin(rows["task"])]
         levels |= dict(zip(mine["policy"], mine["median"], strict=True))

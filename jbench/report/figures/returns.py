@@ -8,12 +8,13 @@ from matplotlib import ticker
 from matplotlib.axes import Axes
 
 from jbench.report import style
-from jbench.report.data.returns import highest_return, ratio, whole
 from jbench.report.figures import marks
 from jbench.report.figures.chart import ROWS, Chart, Panel, by_task
 from jbench.report.frames import Frames
+from jbench.report.numbers import ratio, whole
 from jbench.report.style import Look, Looks
 from jbench.statistics.bootstrap import DECIDING_SEEDS
+from jbench.task_specs import highest_return
 
 _FLOOR = 1e-3  # smaller fractions of unexplained variance are drawn here
 _POLICIES = {"random": "random actions", "hand-written": "hand-written policy"}

@@ -19,6 +19,7 @@ from jbench.settings.algorithms.by_name import (
     algorithm_settings,
     default_base,
     default_time_limit,
+    display_name,
 )
 from jbench.settings.algorithms.ddpg import DDPGSettings
 from jbench.settings.algorithms.foreign import Foreign
@@ -42,4 +43,5 @@ __all__ = [
     "algorithm_settings",
     "default_base",
     "default_time_limit",
+    "display_name",
 ]

@@ -27,6 +27,16 @@ TIME_LIMITS: dict[Base, TimeLimit] = {"figure8": "terminal"}
 """Sources of hyperparameters that also say what the time limit is, unless it is typed."""
 
 
+def display_name(algo: str) -> str:
+    """Returns an algorithm's name as the paper writes it, or as its author does.
+
+    The label `TD3` of a recorded or imported algorithm differs from that of jbench's td3.
+    """
+    if algo in ALGORITHMS:
+        return algo.upper()
+    return f"{algo} (label)" if algo in map(str.upper, ALGORITHMS) else algo
+
+
 def default_time_limit(base: Base | None) -> TimeLimit:
     """Returns what the time limit of an episode is if no other one is typed."""
     return "bootstrap" if base is None else TIME_LIMITS.get(base, "bootstrap")

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jbench.errors import RequestError, sentence_of_failure
+from jbench.errors import sentence_of_failure
 
 _MOST_MEASURED = 100_000
 """Most control steps that are made to find a time limit that an environment does not say."""
@@ -20,10 +20,6 @@ _UNBOUNDED = 1e9  # dm_control writes 1e10 for an actuator without limits
 
 class UnusableError(Exception):
     """Why jbench can't use an environment, as a clause without a full stop."""
-
-
-class _UnnamedError(TypeError):
-    """An observation or its specification is no dictionary of names."""
 
 
 class Bounds(NamedTuple):
@@ -60,14 +56,10 @@ def read_parts(environment: Any) -> tuple[dict[str, int], tuple[str, ...]]:
 def _sizes_of_parts(environment: Any) -> dict[str, int]:
     """Returns the number of values of each part of an observation, by its name."""
     try:
-        spec = environment.observation_spec()
-        return {name: math.prod(part.shape) for name, part in _named(spec).items()}
-    except _UnnamedError:
-        raise UnusableError(
-            "its observation has no names: return a dictionary of named arrays"
-        ) from None
-    except RequestError as error:
-        raise UnusableError(str(error)) from None
+        spec = _named(environment.observation_spec())
+        return {name: math.prod(part.shape) for name, part in spec.items()}
+    except UnusableError:
+        raise
     except Exception as error:
         sizes = _sizes_without_arrays(environment)
         if sizes is None:
@@ -100,8 +92,8 @@ def read_bounds(environment: Any) -> Bounds:
         spec = environment.action_spec()
         shape: tuple[int, ...] = getattr(spec, "shape", ())
         dtype = np.dtype(getattr(spec, "dtype", object))
-    except RequestError as error:
-        raise UnusableError(str(error)) from None
+    except UnusableError:
+        raise
     except Exception as error:
         raise UnusableError(f"its action_spec fails ({sentence_of_failure(error)})") from error
 
@@ -165,7 +157,10 @@ def measure_episode(environment: Any, bounds: Bounds) -> int:
 
 
 def _named(parts: Any) -> Mapping[str, Any]:
-    """Returns parts by name; an _UnnamedError if they have none."""
+    """Returns parts of an observation, or their specifications, by name.
+
+    Raises an UnusableError if they have no names.
+    """
     if not isinstance(parts, Mapping) or not parts or not all(parts):
-        raise _UnnamedError
+        raise UnusableError("its observation has no names: return a dictionary of named arrays")
     return {str(name): part for name, part in parts.items()}

@@ -15,7 +15,7 @@ from gymnasium import spaces
 from gymnasium.wrappers import TimeLimit
 from numpy.typing import NDArray
 
-from jbench.errors import RequestError
+from jbench.tasks.dm_specification import UnusableError
 
 
 class Spec(NamedTuple):
@@ -79,17 +79,17 @@ class GymAdapter:
         self._seed = seed
 
     def observation_spec(self) -> dict[str, Spec]:
-        """Returns the parts of the observation; one that is not of numbers is a RequestError."""
+        """Returns the parts of the observation; one that is not of numbers is an UnusableError."""
         parts = dict(_parts("", self.env.observation_space))
         for name, space in parts.items():
             _check_part(name, space)
         return {name: Spec(space.shape, space.dtype) for name, space in parts.items()}
 
     def action_spec(self) -> Spec:
-        """Returns the bounds of the actions, flattened; those without are a RequestError."""
+        """Returns the bounds of the actions, flattened; those without are an UnusableError."""
         space = self.env.action_space
         if not isinstance(space, spaces.Box):
-            raise RequestError(
+            raise UnusableError(
                 f"its actions are {type(space).__name__}, and jbench trains on motors; give it a "
                 "Box of real numbers"
             )
@@ -146,12 +146,12 @@ def _values(prefix: str, observation: Any) -> Iterator[tuple[str, Any]]:
 
 def _check_part(name: str, space: spaces.Space[Any]) -> None:
     if not isinstance(space, spaces.Box):
-        raise RequestError(
+        raise UnusableError(
             f"its observation {name} is {type(space).__name__}, and jbench takes real numbers; "
             "wrap it in gymnasium.wrappers.FlattenObservation"
         )
     if space.dtype == np.uint8 and len(space.shape) > 1:
-        raise RequestError(
+        raise UnusableError(
             f"its observation {name} is a picture of shape {space.shape}, and jbench takes a few "
             "numbers; give it an observation of positions and velocities"
         )

@@ -12,6 +12,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from numpy.typing import NDArray
 
 from jbench.datasets.ending import EndingBlock
 from jbench.datasets.reader import Dataset
@@ -29,15 +30,22 @@ def export_minari(
 ) -> tuple[str, int]:
     """Writes a dataset for Minari with the observations and rewards of a task.
 
-    Returns Minari's id, which is its path in `root`, and its bytes on disk.
-
     The export is atomic: it is written to a hidden directory beside the target. An interrupted
-    export is written again by the next one. `root` is the directory of Minari datasets
-    (MINARI_DATASETS_PATH); `progress` takes the number of completed episodes.
+    export is written again by the next one.
 
-    Raises a RequestError if Minari is not installed, the target exists, or the dataset is of
-    another robot, and a WorkError if the dataset is damaged, another process exports it, or the
-    disk is full.
+    Args:
+        dataset: to export.
+        task: whose observations and rewards are written.
+        root: directory of Minari datasets (MINARI_DATASETS_PATH).
+        progress: is called with the number of completed episodes.
+
+    Returns:
+        Minari's id, which is its path in `root`, and its bytes on disk.
+
+    Raises:
+        RequestError: if Minari is not installed, the target exists, or the dataset is of another
+            robot.
+        WorkError: if the dataset is damaged, another process exports it, or the disk is full.
     """
     missing = [name for name in ("minari", "h5py") if importlib.util.find_spec(name) is None]
     if missing:
@@ -117,8 +125,7 @@ def _write(dataset: Dataset, task: str, id: str, to: Path, progress: Callable[[i
     )
     for episodes, block in zip(dataset.parts, _ending_blocks(dataset, task), strict=True):
         storage.update_episodes(
-            _buffer(EpisodeBuffer, number, *episode)
-            for number, episode in zip(episodes, zip(*block, strict=True), strict=True)
+            EpisodeBuffer(id=number, **_arrays(block, row)) for row, number in enumerate(episodes)
         )
         progress(episodes.stop)
 
@@ -131,22 +138,34 @@ def _ending_blocks(dataset: Dataset, task: str) -> Iterator[EndingBlock]:
     # Episodes are truncated at the time limit and never terminate.
     for block in dataset.blocks(task):
         count, length = block.rewards.shape
-        actions = block.actions.reshape(count, length, -1)
-        lengths, terminated = np.full(count, length), np.zeros(count, bool)
-        yield EndingBlock(block.observations, actions, block.rewards, lengths, terminated)
+        yield EndingBlock(
+            observations=block.observations,
+            actions=block.actions.reshape(count, length, -1),
+            rewards=block.rewards,
+            lengths=np.full(count, length),
+            terminated=np.zeros(count, bool),
+        )
 
 
-def _buffer(
-    kind: Any, number: int, observations: Any, actions: Any, rewards: Any, length: int, fell: bool
-) -> Any:
-    """Returns an episode in Minari's class; rows after its end are left out."""
-    terminations, truncations = np.zeros((2, length), bool)
-    terminations[-1], truncations[-1] = fell, not fell
-    return kind(
-        id=number,
-        observations=observations[: length + 1],
-        actions=actions[:length],
-        rewards=rewards[:length],
-        terminations=terminations,
-        truncations=truncations,
-    )
+def _arrays(block: EndingBlock, row: int) -> dict[str, NDArray[Any]]:
+    """Returns the arrays of an episode up to its end, by the names of Minari's fields.
+
+    Args:
+        block: some episodes.
+        row: the place of the episode in the block.
+    """
+    length = block.lengths[row]
+    terminations = np.zeros(length, bool)
+    truncations = np.zeros(length, bool)
+    if block.terminated[row]:
+        terminations[-1] = True
+    else:
+        truncations[-1] = True
+
+    return {
+        "observations": block.observations[row, : length + 1],
+        "actions": block.actions[row, :length],
+        "rewards": block.rewards[row, :length],
+        "terminations": terminations,
+        "truncations": truncations,
+    }

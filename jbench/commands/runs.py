@@ -3,6 +3,7 @@
 import json as json_format
 import time
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -17,7 +18,7 @@ from jbench.wording import are, counted, duration, progress_text, repair_hint
 
 if TYPE_CHECKING:
     from jbench.store.follow import Change
-    from jbench.store.listing import ListedRow
+    from jbench.store.rows import Row
 
 
 _SPARE = ("created", "wall time", "returns", "variant", "episodes", "points", "steps", "status")
@@ -56,22 +57,22 @@ def runs(
     lines, problems = list_runs(database, filters, returns, what)
     rows = [
         {
-            what: line["run"],
-            "status": line["status"],
-            "points" if imports else "episodes": f"{line['episodes']:,}",
-            "steps": progress_text(line["steps_done"], line["steps"]),
-            "wall time": None if line["wall_time"] is None else duration(line["wall_time"]),
-            "created": line["created"][:16].replace("T", " "),
-            "returns": line["returns"],
-            "variant": line["variant"],
-            "error": line["error"],
-            "training return": None if line["returns"] == "evaluation" else line["last_return"],
-            "evaluation return": line["evaluation_return"],
-            "at the end of training": line["evaluation_return_at_end"],
+            what: line.run,
+            "status": line.status,
+            "points" if imports else "episodes": f"{line.episodes:,}",
+            "steps": progress_text(line.steps_done, line.steps),
+            "wall time": None if line.wall_time is None else duration(line.wall_time),
+            "created": line.created[:16].replace("T", " "),
+            "returns": line.returns,
+            "variant": line.variant,
+            "error": line.error,
+            "training return": None if line.returns == "evaluation" else line.last_return,
+            "evaluation return": line.evaluation_return,
+            "at the end of training": line.evaluation_return_at_end,
         }
         for line in lines
     ]
-    if all(line["evaluation_return"] == line["evaluation_return_at_end"] for line in lines):
+    if all(line.evaluation_return == line.evaluation_return_at_end for line in lines):
         rows = [{n: v for n, v in row.items() if n != "at the end of training"} for row in rows]
 
     if rows:
@@ -82,7 +83,7 @@ def runs(
     else:
         output.say(f"No such {what}s in {results}." if filters else f"No {what}s in {results}.")
 
-    output.document({f"{what}s": lines, "problems": problems})
+    output.document({f"{what}s": [asdict(line) for line in lines], "problems": problems})
     output.warn_of_damage(problems, repair_hint(results))
 
 
@@ -141,7 +142,7 @@ def tail(
         output.say(f"No such runs in {results}.")
 
 
-def _last(rows: list[tuple[str, "ListedRow"]], episodes: int) -> list[tuple[str, "ListedRow"]]:
+def _last(rows: list[tuple[str, "Row"]], episodes: int) -> list[tuple[str, "Row"]]:
     """Returns the rows from the last episodes on."""
     starts = [i for i, (table, _) in enumerate(rows) if table == "episodes"]
     if episodes == 0:
@@ -151,9 +152,9 @@ def _last(rows: list[tuple[str, "ListedRow"]], episodes: int) -> list[tuple[str,
 
 def _json_lines(change: "Change") -> Iterator[str]:
     """Yields the rows; before them the run if it is new, after them if its status has changed."""
-    from jbench.store.listing import make_line
+    from jbench.store.run_line import make_line
 
-    state = [("runs", make_line(change.record))]
+    state = [("runs", asdict(make_line(change.record)))]
     rows = [*state, *change.rows] if change.is_new else change.rows
     ended = state if change.status_changed and not change.is_new else []
     for table, row in (*rows, *ended):

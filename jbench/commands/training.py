@@ -14,7 +14,7 @@ from jbench.names import EVALUATION_EPISODES, KeepState
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.store.evaluations import added_returns
-from jbench.store.listing import line_with_returns
+from jbench.store.run_line import line_with_returns
 from jbench.sweeps.cell import Cell, all_runs, is_finished, missing_encoders
 from jbench.sweeps.cell_status import cell_statuses, seconds_left
 from jbench.sweeps.scheduler import Executor, sweep
@@ -139,11 +139,11 @@ def show_runs(runs: Sequence[RunSettings], results: Results) -> None:
             if record is not None:
                 more = added.get(run.id, ())
                 line = record.reading(partial(line_with_returns, record, more))
-                status = "" if line["status"] == "finished" else f" ({line['status']})"
-                names = ("last_return", "evaluation_return", "evaluation_return_at_end")
-                means = ["" if line[name] is None else f"{line[name]:.0f}" for name in names]
+                status = "" if line.status == "finished" else f" ({line.status})"
+                returns = line.last_return, line.evaluation_return, line.evaluation_return_at_end
+                means = ["" if mean is None else f"{mean:.0f}" for mean in returns]
                 differs = differs or means[1] != means[2]
-                rows.append([record.id + status, line["episodes"], *means])
+                rows.append([record.id + status, line.episodes, *means])
         except WorkError as error:
             output.warn(str(error))
 

@@ -12,9 +12,10 @@ import pyarrow as pa
 from jbench.errors import WorkError
 from jbench.store import schema
 from jbench.store.database import Results
-from jbench.store.listing import ListedRow, finite, make_line, matches
 from jbench.store.manifest import MANIFEST
 from jbench.store.record import Record
+from jbench.store.rows import Row, finite
+from jbench.store.run_line import make_line
 
 POLL_SECONDS = 2.0
 """Seconds between two reads of the manifests."""
@@ -31,7 +32,7 @@ class Change(NamedTuple):
     record: Record
     is_new: bool
     status_changed: bool
-    rows: list[tuple[str, ListedRow]]
+    rows: list[tuple[str, Row]]
 
 
 class Follower:
@@ -57,7 +58,7 @@ class Follower:
             change: Change | None = None
             try:
                 record = folder.read()
-                if record and (seen or matches(make_line(record), self._filters)):
+                if record and (seen or make_line(record).matches(self._filters)):
                     change = record.reading(partial(_change, record, seen))
             except WorkError as error:
                 if str(error) not in self._reported:
@@ -72,7 +73,7 @@ class Follower:
                     yield change
 
 
-def grouped(rows: Sequence[tuple[str, ListedRow]]) -> Iterator[tuple[str, list[ListedRow]]]:
+def grouped(rows: Sequence[tuple[str, Row]]) -> Iterator[tuple[str, list[Row]]]:
     """Yields the table and the rows of an episode (one), an evaluation, or a step's metrics."""
     number = {"episodes": "episode", "evaluations": "evaluation", "metrics": "control_steps"}
     for (table, _), group in groupby(rows, lambda row: (row[0], row[1][number[row[0]]])):
@@ -97,7 +98,7 @@ def _change(record: Record, before: Record | None) -> Change:
 
     status_changed = before is None or record.status != before.status
     # The rows that the run did not have before; only the files that have them are read.
-    rows: list[tuple[str, ListedRow]] = []
+    rows: list[tuple[str, Row]] = []
     for table, columns in schema.LOG_TABLES.items():
         known = 0 if before is None else before.rows(table)
         first = 0

@@ -19,10 +19,10 @@ from jbench.errors import RequestError, WorkError
 from jbench.names import FULL, shown_representation
 from jbench.store import schema
 from jbench.store.database import Results
-from jbench.store.final_returns import final_returns
 from jbench.store.kept import with_kept
-from jbench.store.listing import KIND_TABLES, ListedRow, make_row
+from jbench.store.listing import final_returns
 from jbench.store.record import Record
+from jbench.store.rows import KIND_TABLES, Row, make_row
 from jbench.wording import not_formula
 
 
@@ -249,9 +249,7 @@ def records(frame: pd.DataFrame) -> list[dict[Any, Any]]:
     return frame.astype(object).where(frame.notna(), None).to_dict("records")
 
 
-def _read(
-    fields: Mapping[str, pa.Schema], record: Record
-) -> tuple[ListedRow, dict[str, pa.Table]] | str:
+def _read(fields: Mapping[str, pa.Schema], record: Record) -> tuple[Row, dict[str, pa.Table]] | str:
     """Returns the row and the tables of a record, or the error of a damaged one."""
     try:
         return record.reading(

@@ -16,9 +16,9 @@ from jbench.settings.base import settings_hash
 from jbench.store import listed, locks, schema
 from jbench.store.database import Results
 from jbench.store.files import DamagedError, RecordError, Sort
-from jbench.store.listing import make_row
 from jbench.store.manifest import KINDS, MANIFEST, RecordKind
 from jbench.store.record import Folder, Record
+from jbench.store.rows import make_row
 
 ShowProgress = Callable[[int], contextlib.AbstractContextManager[Callable[[int], None]]]
 """Takes the total of some work; during the work, yields a function that takes how much is done."""

@@ -18,8 +18,8 @@ from jbench.names import EVALUATION_EPISODES, KeepState, evaluation_interval
 from jbench.settings.recorded import read_run
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
-from jbench.store.listing import committed_steps
 from jbench.store.provenance import differences, provenance
+from jbench.store.run_line import committed_steps
 from jbench.tasks.find import code_provenance, find_task
 from jbench.wording import are, counted, repair_hint
 

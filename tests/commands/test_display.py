@@ -33,7 +33,7 @@ def test_final_return_is_equal_in_tables_listings_and_reports(episodes, mean, tm
     record.append({"episodes": store_rows.episodes(RUN.id, returns)})
     assert final_return(returns) == mean
     (line,), _ = list_runs(Results(tmp_path), {}, returns=True)
-    assert line["last_return"] == mean
+    assert line.last_return == mean
     steps = 1000.0 * (returns + 1)
     reported, *_ = final_returns(returns[None], steps[None], np.array([episodes]), "training")
     assert reported.tolist() == [mean]
@@ -53,7 +53,7 @@ def test_evaluation_return_is_the_mean_of_the_last_evaluation(tmp_path, capsys):
     evaluations = pa.Table.from_pylist(rows, schema.EVALUATIONS)
     record.append({"evaluations": evaluations, "episodes": store_rows.episodes(RUN.id, [7.0])})
     (line,), _ = list_runs(Results(tmp_path), {}, returns=True)
-    assert (line["last_return"], line["evaluation_return"]) == (7, 30)
+    assert (line.last_return, line.evaluation_return) == (7, 30)
     assert main(["runs", "--returns", "--results", str(tmp_path)]) == 0
     listed = capsys.readouterr().out
     show_runs([RUN], Results(tmp_path))

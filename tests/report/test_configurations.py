@@ -100,7 +100,7 @@ def test_runs_that_differ_only_in_the_code_of_their_encoder_are_named_by_it(fabr
         "encoder=face_direction/mine6/s01-07c4d5bb",
     }
     lines, _ = list_runs(fabric.results, {})
-    assert {line["variant"] for line in lines} == named
+    assert {line.variant for line in lines} == named
 
 
 def test_longest_run_of_seed_is_used_and_noted(fabric):

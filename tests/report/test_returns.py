@@ -79,7 +79,7 @@ def last_returns(fabric, record):
     (opened,) = jbench.open(fabric.results.path).runs()["evaluation_return"]
     (reported,) = seeds.loc[seeds["returns"] == "evaluation", "final"]
     compared = compared_return(record, added=added.get(record.id, ()))
-    return [opened, reported, line["evaluation_return"], compared]
+    return [opened, reported, line.evaluation_return, compared]
 
 
 @pytest.mark.filterwarnings("ignore:.*damaged")

@@ -183,7 +183,7 @@ def test_manifest_that_cannot_be_shown_is_reported_and_left_out(untrusted, chang
     (problem,) = loaded.problems
     assert problem.startswith(f"{bad.path}/manifest.json is not a manifest that can be read (")
     lines, problems = list_runs(untrusted, {})
-    assert ([line["run"] for line in lines], problems) == ([good.id], [problem])
+    assert ([line.run for line in lines], problems) == ([good.id], [problem])
     (flaw,) = verify(untrusted, 1).findings
     assert (flaw.sort, flaw.id) == ("damaged", bad.id)
 

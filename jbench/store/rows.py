@@ -1,0 +1,98 @@
+"""Rows of records in the tables of SQL, from their manifests."""
+
+import json
+import math
+from typing import Any
+
+import pyarrow as pa
+
+from jbench.settings.recorded import variant
+from jbench.store import schema
+from jbench.store.files import DamagedError
+from jbench.store.manifest import MANIFEST, Manifest, RecordKind
+from jbench.store.record import Record
+
+Row = dict[str, Any]
+"""Values by column."""
+
+KIND_TABLES: dict[RecordKind, tuple[str, dict[str, pa.Schema]]] = {
+    "run": ("runs", schema.RUN_TABLES),
+    "encoder": ("encoders", schema.ENCODER_TABLES),
+    "evaluation": ("policy_evaluations", {"policy_episodes": schema.TABLES["policy_episodes"]}),
+    "dataset": ("datasets", {}),
+    "import": ("imports", {"import_points": schema.TABLES["import_points"]}),
+}
+"""By kind, the table with a row for each record, and the tables that its files hold."""
+
+
+def make_row(record: Record) -> Row:
+    """Returns the row of a record, with null for what its manifest lacks.
+
+    Raises a DamagedError if a value of its manifest does not fit into its column.
+    """
+    manifest = record.manifest
+    columns = schema.TABLES[KIND_TABLES[record.kind][0]]
+    try:
+        values = {
+            **manifest.summary,
+            **manifest.settings,
+            **_counted(record),
+            record.kind: record.id,
+            **{name: getattr(manifest, name) for name in ("status", "created", "updated")},
+            "settings": json.dumps(manifest.settings, sort_keys=True),
+            "provenance": json.dumps(manifest.provenance, sort_keys=True),
+        }
+        return {field.name: _converted(values.get(field.name), field) for field in columns}
+    except (OverflowError, TypeError, ValueError) as error:
+        problem = f"has invalid settings ({str(error).splitlines()[0]})"
+        raise DamagedError(record.path / MANIFEST, problem, record.advice) from None
+
+
+def _converted(value: Any, field: pa.Field) -> Any:
+    """Returns a value as that of a column; pyarrow's check would import pandas, for 0.3 s."""
+    if value is None:
+        return None
+    kinds: Any = {pa.string(): str, pa.int64(): int, pa.float64(): (int, float)}[field.type]
+    if isinstance(value, bool) or not isinstance(value, kinds):
+        raise TypeError(f"{field.name} is {value!r:.40}")
+    return float(value) if field.type == pa.float64() else value
+
+
+def has_diverged(manifest: Manifest) -> bool:
+    """Returns whether a run diverged; its manifest is untrusted."""
+    return isinstance(manifest.summary.get("diverged"), dict)
+
+
+def _counted(record: Record) -> Row:
+    """Returns the columns of a record's row that are specific to its kind."""
+    manifest = record.manifest
+    if record.kind == "run":
+        text = None
+        if has_diverged(manifest):
+            text = json.dumps(manifest.summary["diverged"], sort_keys=True)
+        counts = {"variant": variant(record.settings), "episodes": record.rows("episodes")}
+        return {**counts, "diverged": text, "error": record.error}
+
+    if record.kind == "encoder":
+        return {"representation": record.path.parent.name}
+    if record.kind == "dataset":
+        # A committed episode has a state more than it has steps.
+        steps = record.rows("steps") - record.rows("dataset_episodes")
+        return {"steps_done": steps, "bytes": record.size}
+
+    if record.kind == "import":
+        hashes = record.settings.get("files")
+        names = manifest.provenance.get("files")
+        if isinstance(hashes, list) and isinstance(names, list):
+            return {"files": json.dumps(dict(zip(hashes, names, strict=False)))}
+        return {"files": "{}"}
+
+    return {}
+
+
+def finite(row: Row) -> Row:
+    """Returns a row with null for numbers that are not finite, which JSON does not have."""
+    return {
+        name: None if isinstance(value, float) and not math.isfinite(value) else value
+        for name, value in row.items()
+    }

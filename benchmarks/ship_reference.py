@@ -21,7 +21,8 @@ from pathlib import Path
 from typing import Any
 
 from jbench.names import parse_numbers
-from jbench.policies.saved import DESCRIPTION, WEIGHTS, has_policy
+from jbench.policies.network import DESCRIPTION, WEIGHTS
+from jbench.policies.saved import has_policy
 from jbench.store import Record, Results, files
 from jbench.store.manifest import FileEntry, Manifest
 from jbench.store.shipped import may_lack, shipped

@@ -13,7 +13,8 @@ import safetensors.numpy
 from jbench.datasets import collect
 from jbench.encoders import saved
 from jbench.encoders.settings import encoder_settings
-from jbench.policies.saved import SavedLayer, SavedNetwork, relu_layers
+from jbench.policies.layers import Linear, relu_layers
+from jbench.policies.network import SavedNetwork
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.records import DatasetSettings
 from jbench.settings.run import RunSettings
@@ -104,9 +105,7 @@ def _add_run(results, representation, seed, training, evaluation):
 def _policy(representation):
     random = np.random.default_rng(1)
     linear = [
-        SavedLayer(
-            "linear", weight=random.normal(size=shape).astype("f4"), bias=np.zeros(shape[0], "f4")
-        )
+        Linear(weight=random.normal(size=shape).astype("f4"), bias=np.zeros(shape[0], "f4"))
         for shape in ((8, 16 if representation == "full" else 14), (1, 8))
     ]
     return SavedNetwork(relu_layers(linear, "tanh"))

@@ -5,7 +5,7 @@ import os
 import signal
 from pathlib import Path
 
-from jbench.policies.saved import WEIGHTS
+from jbench.policies.network import WEIGHTS
 from jbench.store import Results, locks
 from jbench.studies.matrix import read_matrix
 from jbench.sweeps.cell import all_runs, matrix_cells

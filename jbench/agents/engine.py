@@ -13,7 +13,7 @@ from torch import Tensor
 
 from jbench.agents.environments import Ends, Environments, SeedState, StepResult
 from jbench.errors import WorkError
-from jbench.policies.saved import SavedNetwork
+from jbench.policies.network import SavedNetwork
 from jbench.tasks.worlds import EpisodeError
 from jbench.timing import part
 

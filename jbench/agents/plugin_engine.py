@@ -16,7 +16,7 @@ from jbench.agents.plugin import Agent, EnvironmentSpec, Transition, is_resumabl
 from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.names import TimeLimit
 from jbench.policies.actors import copy_module
-from jbench.policies.saved import SavedNetwork
+from jbench.policies.network import SavedNetwork
 from jbench.settings.base import Settings
 from jbench.store import schema
 

@@ -19,7 +19,8 @@ from torch import nn
 from jbench.agents.algorithms import find_class
 from jbench.errors import RequestError
 from jbench.policies.actors import UnsupportedPolicyError, copy_module, normalization
-from jbench.policies.saved import SavedLayer, SavedNetwork
+from jbench.policies.layers import Clip, Scale, Shift
+from jbench.policies.network import SavedNetwork
 from jbench.settings.algorithms import Algorithm, AlgorithmSettings, Foreign, OffPolicySettings
 from jbench.store.schema import LOSSES
 
@@ -180,9 +181,9 @@ def copy_model(model: Any, *sizes: int) -> SavedNetwork:
 
     deviation = np.sqrt(normalized.obs_rms.var + normalized.epsilon)
     first = [
-        SavedLayer("shift", offset=-normalized.obs_rms.mean.astype(np.float32)),
-        SavedLayer("scale", factor=(1 / deviation).astype(np.float32)),
-        SavedLayer("clip", low=-normalized.clip_obs, high=normalized.clip_obs),
+        Shift(offset=-normalized.obs_rms.mean.astype(np.float32)),
+        Scale(factor=(1 / deviation).astype(np.float32)),
+        Clip(low=-normalized.clip_obs, high=normalized.clip_obs),
     ]
     return SavedNetwork([*first, *network.layers])
 

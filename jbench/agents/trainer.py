@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from jbench.agents.batched.replay import ReplayBuffer
 from jbench.agents.engine import AfterStep, DivergedError
 from jbench.agents.environments import Ends, SeedState
-from jbench.policies.saved import SavedNetwork
+from jbench.policies.network import SavedNetwork
 from jbench.tasks.worlds import EpisodeError
 
 

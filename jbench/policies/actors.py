@@ -15,7 +15,22 @@ from torch import Tensor, nn
 
 from jbench import plugins
 from jbench.errors import RequestError
-from jbench.policies.saved import Float, SavedLayer, SavedNetwork
+from jbench.policies.layers import (
+    Clip,
+    Elu,
+    Float,
+    LayerNorm,
+    LeakyRelu,
+    Linear,
+    Relu,
+    SavedLayer,
+    Scale,
+    Shift,
+    Sigmoid,
+    Silu,
+    Tanh,
+)
+from jbench.policies.network import SavedNetwork
 from jbench.tasks.task import Act
 from jbench.wording import counted
 
@@ -201,7 +216,7 @@ def float32_array(value: Any) -> Float:
 def _linear(x: _Value, weight: Tensor, bias: Tensor | None = None) -> list[SavedLayer]:
     """The layer of `nn.functional.linear`."""
     bias = torch.zeros(len(weight)) if bias is None else bias
-    return [SavedLayer("linear", weight=float32_array(weight), bias=float32_array(bias))]
+    return [Linear(weight=float32_array(weight), bias=float32_array(bias))]
 
 
 def _layer_norm(
@@ -210,7 +225,7 @@ def _layer_norm(
     """The layer of `nn.functional.layer_norm`."""
     weight = float32_array(torch.ones(*shape) if weight is None else weight)
     bias = float32_array(torch.zeros(*shape) if bias is None else bias)
-    return [SavedLayer("layer_norm", weight=weight, bias=bias, epsilon=eps)]
+    return [LayerNorm(weight=weight, bias=bias, epsilon=eps)]
 
 
 def _clip(x: _Value, *bounds: Any, **named: Any) -> list[SavedLayer]:
@@ -218,7 +233,7 @@ def _clip(x: _Value, *bounds: Any, **named: Any) -> list[SavedLayer]:
     numbers = [*bounds, *named.values()]
     if len(numbers) != 2 or not all(isinstance(number, int | float) for number in numbers):
         raise UnsupportedPolicyError("a clamp has no two numbers as its bounds")
-    return [SavedLayer("clip", low=float(min(numbers)), high=float(max(numbers)))]
+    return [Clip(low=float(min(numbers)), high=float(max(numbers)))]
 
 
 def _arithmetic(operator: str, x: Any, y: Any) -> list[SavedLayer]:
@@ -233,22 +248,22 @@ def _arithmetic(operator: str, x: Any, y: Any) -> list[SavedLayer]:
         raise UnsupportedPolicyError("it divides by its inputs")
     if operator in ("mul", "div"):
         factor = constant if operator == "mul" else np.reciprocal(constant)
-        return [SavedLayer("scale", factor=factor)]
+        return [Scale(factor=factor)]
     if operator == "sub" and not value_first:
         return [*_arithmetic("mul", x=-1, y=y), *_arithmetic("add", x, y)]
 
-    return [SavedLayer("shift", offset=constant if operator == "add" else -constant)]
+    return [Shift(offset=constant if operator == "add" else -constant)]
 
 
 _LAYERS: dict[str, Callable[..., list[SavedLayer]]] = {
-    "relu": lambda x: [SavedLayer("relu")],
-    "tanh": lambda x: [SavedLayer("tanh")],
-    "sigmoid": lambda x: [SavedLayer("sigmoid")],
-    "silu": lambda x: [SavedLayer("silu")],
+    "relu": lambda x: [Relu()],
+    "tanh": lambda x: [Tanh()],
+    "sigmoid": lambda x: [Sigmoid()],
+    "silu": lambda x: [Silu()],
     **dict.fromkeys(("dropout", "flatten", "contiguous", "float"), lambda x, *_, **__: []),
     **dict.fromkeys(("clamp", "clip", "hardtanh"), _clip),
-    "elu": lambda x, alpha: [SavedLayer("elu", alpha=alpha)],
-    "leaky_relu": lambda x, negative_slope: [SavedLayer("leaky_relu", slope=negative_slope)],
+    "elu": lambda x, alpha: [Elu(alpha=alpha)],
+    "leaky_relu": lambda x, negative_slope: [LeakyRelu(slope=negative_slope)],
     "linear": _linear,
     "layer_norm": _layer_norm,
     **{operator: partial(_arithmetic, operator) for operator in ("add", "sub", "mul", "div")},

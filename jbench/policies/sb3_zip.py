@@ -18,7 +18,8 @@ from torch import nn
 from jbench.errors import RequestError
 from jbench.names import TASKS
 from jbench.policies.actors import UnsupportedPolicyError, float32_array, module_layers
-from jbench.policies.saved import Float, SavedLayer, SavedNetwork
+from jbench.policies.layers import Float, Linear, SavedLayer, Tanh
+from jbench.policies.network import SavedNetwork
 from jbench.tasks.find import find_task
 from jbench.wording import counted
 
@@ -40,7 +41,7 @@ class _ActorForm:
     output: Sequence[SavedLayer] = ()
 
 
-_DETERMINISTIC = _ActorForm("actor.mu.", "actor.latent_pi.", "ReLU", [SavedLayer("tanh")])
+_DETERMINISTIC = _ActorForm("actor.mu.", "actor.latent_pi.", "ReLU", [Tanh()])
 """Of SAC and TQC; DDPG and TD3 have all weights in the last ones."""
 
 _STOCHASTIC = _ActorForm("action_net.", "mlp_extractor.policy_net.", "Tanh")
@@ -114,22 +115,21 @@ def _layers(data: dict[str, Any], weights: dict[str, Float]) -> list[SavedLayer]
         raise UnsupportedPolicyError(f"its activation {name} is not known")
 
     first, *others = [*_linear(form.hidden, weights), *_linear(form.last, weights)]
-    layers = [first]
+    layers: list[SavedLayer] = [first]
     for linear in others:
         layers += [_ACTIVATIONS[name], linear]
 
     return [*layers, *form.output]
 
 
-def _linear(prefix: str, weights: dict[str, Float]) -> list[SavedLayer]:
+def _linear(prefix: str, weights: dict[str, Float]) -> list[Linear]:
     """Returns the linear layers whose names have a prefix, in the order of their numbers."""
     names = sorted(
         {name.rpartition(".")[0] for name in weights if name.startswith(prefix)},
         key=lambda name: int(f"{name}.".removeprefix(prefix).strip(".") or 0),
     )
     return [
-        SavedLayer("linear", weight=weights[f"{name}.weight"], bias=weights[f"{name}.bias"])
-        for name in names
+        Linear(weight=weights[f"{name}.weight"], bias=weights[f"{name}.bias"]) for name in names
     ]
 
 

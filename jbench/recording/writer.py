@@ -13,7 +13,7 @@ from jbench.cores import cores
 from jbench.encoders import Encoder, on_observations
 from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.policies.actors import UnsupportedPolicyError
-from jbench.policies.saved import SavedNetwork
+from jbench.policies.network import SavedNetwork
 from jbench.settings.records import ExternalSettings
 from jbench.store import Record
 from jbench.tasks.task import Act

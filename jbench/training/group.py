@@ -12,7 +12,7 @@ from jbench.agents.environments import Ends
 from jbench.encoders import Encoder
 from jbench.errors import WorkError, sentence_of_failure
 from jbench.names import KeepState
-from jbench.policies.saved import SavedNetwork
+from jbench.policies.network import SavedNetwork
 from jbench.settings.engines import ENGINES
 from jbench.settings.run import RunSettings
 from jbench.store import Record

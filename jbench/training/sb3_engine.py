@@ -14,7 +14,7 @@ from jbench.agents import sb3
 from jbench.agents.engine import AfterStep, DivergedError, divergent_loss
 from jbench.agents.environments import Ends, SeedState
 from jbench.encoders import Encoder, on_observations
-from jbench.policies.saved import SavedNetwork
+from jbench.policies.network import SavedNetwork
 from jbench.settings.run import RunSettings
 from jbench.tasks.worlds import EpisodeError
 from jbench.training.evaluation import make_env

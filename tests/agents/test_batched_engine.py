@@ -16,7 +16,7 @@ from jbench.agents.batched.off_policy import ActionNoise, OffPolicyEngine
 from jbench.agents.engine import SeedState
 from jbench.agents.environments import Environments, Generators
 from jbench.errors import RequestError, WorkError
-from jbench.policies.saved import SavedNetwork
+from jbench.policies.network import SavedNetwork
 from jbench.settings.algorithms import ALGORITHMS, SETTINGS, algorithm_settings
 from jbench.settings.records import OFESettings
 from jbench.tasks.gym import RobotEnv
@@ -385,9 +385,7 @@ def test_actions_are_of_latest_policy():
             observations.append(engine.environments.observations[0, 0].clone())
         actions = engine.replay.rows_since(0)[0, :, -2]
     # Updates follow every 10th step, so step 11 uses an updated policy.
-    assert not np.array_equal(
-        *(policies[step].linear_layers()[0].arrays["weight"] for step in (9, 10))
-    )
+    assert not np.array_equal(*(policies[step].linear_layers()[0].weight for step in (9, 10)))
     for step, policy in enumerate(policies):
         expected = policy.act(observations[step].numpy())
         assert float(actions[step]) == pytest.approx(float(expected[0]), abs=1e-6)

@@ -11,8 +11,9 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 from jbench.agents.batched.normalize import RunningStatistics, Standardization
 from jbench.agents.batched.ppo import Transitions
 from jbench.errors import RequestError
+from jbench.policies.network import SavedNetwork
 from jbench.policies.onnx_export import export_onnx
-from jbench.policies.saved import SavedNetwork, TrainedAgent
+from jbench.policies.saved import TrainedAgent
 from jbench.settings.algorithms import ALGORITHMS, DDPGSettings, algorithm_settings
 from jbench.settings.records import OFESettings
 from jbench.store import Results

@@ -8,7 +8,7 @@ from sb3_contrib import TQC
 from jbench.agents import sb3
 from jbench.agents.algorithms import algorithm_fields
 from jbench.errors import RequestError
-from jbench.policies.saved import SavedNetwork
+from jbench.policies.network import SavedNetwork
 from jbench.settings.algorithms import ALGORITHMS, Foreign, algorithm_settings
 from jbench.settings.recorded import read_run
 from jbench.settings.run import RunSettings

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import safetensors.numpy
 
-from jbench.policies.saved import DESCRIPTION, WEIGHTS
+from jbench.policies.network import DESCRIPTION, WEIGHTS
 from jbench.store import Results
 from jbench.training.batched_run import run_batch
 from tests.short_episodes import EPISODE, short_episodes

@@ -10,7 +10,8 @@ import pytest
 
 from jbench.agents.algorithms import algorithm_fields
 from jbench.cli import main
-from jbench.policies.saved import WEIGHTS, has_policy
+from jbench.policies.network import WEIGHTS
+from jbench.policies.saved import has_policy
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.training.batched_run import run_batch

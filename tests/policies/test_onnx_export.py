@@ -15,14 +15,25 @@ from jbench.encoders.kind import Learned
 from jbench.encoders.registry import kind_names, latent_sizes, make_kind
 from jbench.encoders.saved import SavedEncoder
 from jbench.errors import RequestError
-from jbench.policies.onnx_export import export_onnx
-from jbench.policies.saved import (
-    SavedLayer,
-    SavedNetwork,
-    TrainedAgent,
+from jbench.policies import layers
+from jbench.policies.layers import (
+    Clip,
+    Elu,
+    LayerNorm,
+    LeakyRelu,
+    Linear,
+    Relu,
+    Scale,
+    Shift,
+    Sigmoid,
+    Silu,
+    Tanh,
     feature_layers,
     relu_layers,
 )
+from jbench.policies.network import SavedNetwork
+from jbench.policies.onnx_export import export_onnx
+from jbench.policies.saved import TrainedAgent
 from jbench.settings.base import settings_hash
 from jbench.store import Results
 from jbench.tasks.find import find_task
@@ -49,8 +60,8 @@ def random_matrix(*shape):
 def build_policy(inputs, actions=1):
     """A policy with two layers."""
     hidden, bias = random_matrix(8, inputs) / inputs, random_matrix(8)
-    output = SavedLayer("linear", weight=random_matrix(actions, 8), bias=random_matrix(actions))
-    layers = [SavedLayer("linear", weight=hidden, bias=bias), output]
+    output = Linear(weight=random_matrix(actions, 8), bias=random_matrix(actions))
+    layers = [Linear(weight=hidden, bias=bias), output]
     return SavedNetwork(relu_layers(layers, "tanh"))
 
 
@@ -133,18 +144,21 @@ def test_encoder_is_part_of_model(kind, states, tmp_path):
 
 
 def linear(outputs, inputs):
-    return SavedLayer("linear", weight=random_matrix(outputs, inputs), bias=np.zeros(outputs, "f4"))
+    return Linear(weight=random_matrix(outputs, inputs), bias=np.zeros(outputs, "f4"))
 
 
 LAYERS = [
-    SavedLayer("scale", factor=np.full(16, 0.5, "f4")),
-    SavedLayer("shift", offset=np.full(16, 0.1, "f4")),
-    SavedLayer("clip", low=-0.4, high=0.5),
+    Scale(factor=np.full(16, 0.5, "f4")),
+    Shift(offset=np.full(16, 0.1, "f4")),
+    Clip(low=-0.4, high=0.5),
     linear(8, 16),
-    SavedLayer("layer_norm", weight=random_matrix(8), bias=random_matrix(8), epsilon=1e-5),
-    *(SavedLayer(kind) for kind in ("silu", "tanh", "sigmoid", "relu")),
-    SavedLayer("elu", alpha=1.5),
-    SavedLayer("leaky_relu", slope=0.1),
+    LayerNorm(weight=random_matrix(8), bias=random_matrix(8), epsilon=1e-5),
+    Silu(),
+    Tanh(),
+    Sigmoid(),
+    Relu(),
+    Elu(alpha=1.5),
+    LeakyRelu(slope=0.1),
     linear(1, 8),
 ]
 POLICIES = {
@@ -156,6 +170,11 @@ POLICIES = {
         ]
     ),
 }
+
+
+def test_every_kind_of_layer_is_in_a_tested_policy():
+    tested = {layer.kind for policy in POLICIES.values() for layer in policy.layers}
+    assert tested == set(layers.LAYERS)
 
 
 @pytest.mark.parametrize("policy", POLICIES.values(), ids=POLICIES)

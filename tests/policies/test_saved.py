@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import safetensors.numpy
 
-from jbench.policies.saved import WEIGHTS, SavedLayer, SavedNetwork, relu_layers
+from jbench.policies.layers import Linear, relu_layers
+from jbench.policies.network import WEIGHTS, SavedNetwork
 
 
 def matrices(shapes):
@@ -17,8 +18,8 @@ def matrices(shapes):
 FIRST, BIAS, LAST = matrices([(8, 16), (8,), (2, 8)])
 MEAN, DEVIATION, WIDE, WIDER, ON_UNITS = matrices([(4,), (4,), (5, 4), (6, 9), (1, 11)])
 LINEAR = [
-    SavedLayer("linear", weight=FIRST, bias=BIAS),
-    SavedLayer("linear", weight=LAST, bias=np.zeros(2, "f4")),
+    Linear(weight=FIRST, bias=BIAS),
+    Linear(weight=LAST, bias=np.zeros(2, "f4")),
 ]
 
 

@@ -122,7 +122,7 @@ def test_weights_of_another_precision_are_read(save):
     model.policy.to(torch.bfloat16)
     model.save(path)
     wanted = model.policy.actor.mu[0].weight.detach().float().numpy()
-    np.testing.assert_array_equal(read_sb3_zip(path, FACE).layers[0].arrays["weight"], wanted)
+    np.testing.assert_array_equal(read_sb3_zip(path, FACE).layers[0].weight, wanted)
 
 
 def test_no_object_in_the_file_is_unpickled(save, tmp_path):

@@ -6,7 +6,8 @@ import torch
 
 from jbench import names
 from jbench.errors import RequestError
-from jbench.policies.saved import WEIGHTS, load_agent
+from jbench.policies.network import WEIGHTS
+from jbench.policies.saved import load_agent
 from jbench.store import Results
 from jbench.store.locks import HeldError
 from jbench.training import batched_run, engines, evaluation

@@ -7,7 +7,7 @@ import os
 import pytest
 
 from jbench.errors import RequestError
-from jbench.policies.saved import WEIGHTS
+from jbench.policies.network import WEIGHTS
 from jbench.store import Results, merge
 from jbench.store.verify import verify
 from jbench.training.batched_run import run_batch

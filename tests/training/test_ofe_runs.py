@@ -7,7 +7,8 @@ import pytest
 
 from jbench.errors import RequestError
 from jbench.policies.find import find_policy
-from jbench.policies.saved import SavedNetwork, load_agent
+from jbench.policies.network import SavedNetwork
+from jbench.policies.saved import load_agent
 from jbench.settings.recorded import comparable
 from jbench.settings.records import OFESettings
 from jbench.settings.run import RunSettings

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from jbench.errors import RequestError
-from jbench.policies.saved import DESCRIPTION, WEIGHTS
+from jbench.policies.network import DESCRIPTION, WEIGHTS
 from jbench.store import Results
 from jbench.store.shipped import shipped_results
 from jbench.training.batched_run import run_batch

@@ -5,7 +5,7 @@ import json
 
 import pytest
 
-from jbench.policies.saved import WEIGHTS
+from jbench.policies.network import WEIGHTS
 from jbench.settings.records import OFESettings
 from jbench.store import Results
 from jbench.training.repeat import reevaluate, retrain

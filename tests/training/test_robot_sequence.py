@@ -45,7 +45,7 @@ class Watched:
             if step % EPISODE:  # otherwise the next episode has already started
                 self.shapes[step] = [shape(env.unwrapped.model) for env in agent.get_env().envs]
             layers = sb3.copy_model(agent).linear_layers()
-            self.weights[step] = np.concatenate([one.arrays["weight"].ravel() for one in layers])
+            self.weights[step] = np.concatenate([one.weight.ravel() for one in layers])
             if hasattr(agent, "replay_buffer"):
                 self.stored[step] = agent.replay_buffer.size()
             return after_step(trained, returns)

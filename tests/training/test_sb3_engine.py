@@ -94,9 +94,9 @@ def test_standardized_inputs_are_those_of_vec_normalize(algo, tmp_path):
     record = train(settings(algo, small), results)
     shift, scale, clip = load_agent(results, record.id).policy.layers[:3]
     assert (shift.kind, scale.kind, clip.kind) == ("shift", "scale", "clip")
-    assert (clip.numbers["low"], clip.numbers["high"]) == (-2, 2)
-    assert not np.allclose(shift.arrays["offset"], 0)
-    assert not np.allclose(scale.arrays["factor"], 1)
+    assert (clip.low, clip.high) == (-2, 2)
+    assert not np.allclose(shift.offset, 0)
+    assert not np.allclose(scale.factor, 1)
     assert reevaluate(results, record).verdict == "equal"
 
 

@@ -16,7 +16,7 @@ from jbench.agents.batched.tensors import Tensors
 from jbench.agents.engine import Engine, divergent_loss
 from jbench.agents.environments import Environments, Generators, SeedState, under
 from jbench.names import TimeLimit
-from jbench.policies.saved import SavedNetwork
+from jbench.policies.network import SavedNetwork
 from jbench.settings.algorithms import AlgorithmSettings
 from jbench.timing import part
 

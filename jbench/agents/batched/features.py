@@ -13,7 +13,14 @@ from jbench.agents.batched.layers import Affine, Layer, affine_count, affine_vie
 from jbench.agents.batched.learner import initialize_uniform
 from jbench.agents.batched.replay import Batch
 from jbench.agents.batched.tensors import Adam, Tensors
-from jbench.policies.saved import MAX_INPUT, SavedLayer, feature_layers
+from jbench.policies.layers import (
+    MAX_INPUT,
+    Divide,
+    Linear,
+    SavedLayer,
+    Shift,
+    feature_layers,
+)
 from jbench.settings.records import OFESettings
 
 MIN_DEVIATION = 1e-3
@@ -176,15 +183,18 @@ class Features:
         """The layers of phi_o, as views of the parameters."""
         return self.layers[: len(self._settings.widths)]
 
-    def saved_layers(self, linear: Sequence[SavedLayer]) -> list[SavedLayer]:
+    def saved_layers(self, linear: Sequence[Linear]) -> list[SavedLayer]:
         """Returns phi_o of a single seed for a saved policy, from its linear layers."""
         mean, deviation = (t.float().cpu().numpy().copy() for t in (self._mean, self._deviation()))
         return feature_layers(mean, deviation, linear, self._appended)
 
-    def load_standardization(self, center: SavedLayer, scale: SavedLayer) -> None:
+    def load_standardization(self, layers: Sequence[SavedLayer]) -> None:
         """Sets the mean and a variance whose deviation is that of `saved_layers`, bit for bit."""
-        self._mean.copy_(torch.from_numpy(-center.arrays["offset"]))
-        deviation = torch.from_numpy(scale.arrays["divisor"])
+        center, scale = layers[:2]
+        assert isinstance(center, Shift)
+        assert isinstance(scale, Divide)
+        self._mean.copy_(torch.from_numpy(-center.offset))
+        deviation = torch.from_numpy(scale.divisor)
         wanted = deviation.to(self._variance)
         nearest = (deviation.double() ** 2 - MIN_DEVIATION**2).to(self._variance)
         unit = torch.finfo(nearest.dtype).eps * (nearest.abs() + MIN_DEVIATION**2)

@@ -4,14 +4,17 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Generic, TypeVar
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Generator, Tensor
 
 from jbench.agents.batched.layers import Affine
 from jbench.agents.batched.network import Layout, Network
 from jbench.agents.batched.replay import Batch
 from jbench.agents.batched.tensors import Adam, Tensors
-from jbench.policies.saved import SavedLayer, SavedNetwork, relu_layers
+from jbench.policies.layers import Linear, SavedLayer, relu_layers
+from jbench.policies.network import SavedNetwork
 from jbench.settings.algorithms import AlgorithmSettings, Initialization, OffPolicySettings
 
 LOSS_SUMS = "losses"
@@ -65,11 +68,10 @@ class Learner(Generic[_Settings]):
 
     def policy(self) -> SavedNetwork:
         """Returns a copy of one seed's deterministic policy, as it is saved in the database."""
-        arrays = [
-            [values.float().cpu().numpy().copy() for values in (weight.mT, bias)]
+        linear = [
+            Linear(weight=_float32_copy(weight.mT), bias=_float32_copy(bias))
             for weight, bias in self.policy_layers()
         ]
-        linear = [SavedLayer("linear", weight=weight, bias=bias) for weight, bias in arrays]
         count = len(self.actor.layers)
         features, actor = linear[:-count], linear[-count:]
         return SavedNetwork([*self.feature_layers(features), *relu_layers(actor, self.squash)])
@@ -77,8 +79,8 @@ class Learner(Generic[_Settings]):
     def load_policy(self, policy: SavedNetwork) -> None:
         """Sets the policy of one seed, bit for bit; its layers are those of `policy`."""
         for layer, saved in zip(self.policy_layers(), policy.linear_layers(), strict=True):
-            layer.weight.copy_(torch.from_numpy(saved.arrays["weight"]).mT)
-            layer.bias.copy_(torch.from_numpy(saved.arrays["bias"]))
+            layer.weight.copy_(torch.from_numpy(saved.weight).mT)
+            layer.bias.copy_(torch.from_numpy(saved.bias))
 
     def policy_layers(self) -> list[Affine]:
         """Returns the linear layers of one seed's deterministic policy, as views."""
@@ -86,7 +88,7 @@ class Learner(Generic[_Settings]):
         # The first outputs of a stochastic policy are the mean.
         return [*inner, Affine(weight[:, : self.action_size], bias[: self.action_size])]
 
-    def feature_layers(self, linear: Sequence[SavedLayer]) -> list[SavedLayer]:
+    def feature_layers(self, linear: Sequence[Linear]) -> list[SavedLayer]:
         """Returns the layers of learned features, if any, of a policy from their linear layers."""
         return []
 
@@ -209,6 +211,12 @@ def initialize_uniform(
         for parameters in (weight, bias) if kind == "fan-in" else (weight,):
             values = torch.empty(parameters.shape, dtype=parameters.dtype)
             parameters.copy_(torch.nn.init.uniform_(values, -bound, bound, generator=generator))
+
+
+def _float32_copy(values: Tensor) -> NDArray[np.float32]:
+    """Returns a contiguous copy of a tensor on any device."""
+    copy: NDArray[np.float32] = values.float().cpu().numpy().copy()
+    return copy
 
 
 def sum_over_actions(values: Tensor) -> Tensor:

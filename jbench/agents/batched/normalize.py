@@ -6,7 +6,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from jbench.policies.saved import SavedLayer, SavedNetwork
+from jbench.policies.layers import Divide, Shift, standardizing_layers
+from jbench.policies.network import SavedNetwork
 from jbench.settings.algorithms import AlgorithmSettings
 
 _LAYERS = 3
@@ -132,11 +133,7 @@ class RunningStatistics:
             values[seed, 0].float().numpy().copy()
             for values in (self._shown_mean, self._shown_deviation)
         )
-        layers = [
-            SavedLayer("shift", offset=-mean),
-            SavedLayer("divide", divisor=deviation),
-            SavedLayer("clip", low=-self._clip, high=self._clip),
-        ]
+        layers = standardizing_layers(mean, deviation, self._clip)
         return SavedNetwork([*layers, *policy.layers])
 
     def load_layers(self, seed: int, policy: SavedNetwork, observations: int) -> SavedNetwork:
@@ -146,8 +143,10 @@ class RunningStatistics:
         of a number whose deviation was below `normalize_min_sd` is not saved; it becomes the least.
         """
         center, scale = policy.layers[:2]
-        self.mean[seed] = -center.arrays["offset"].astype(np.float64)
-        deviation = scale.arrays["divisor"].astype(np.float64)
+        assert isinstance(center, Shift)
+        assert isinstance(scale, Divide)
+        self.mean[seed] = -center.offset.astype(np.float64)
+        deviation = scale.divisor.astype(np.float64)
         self.variance[seed] = np.maximum(deviation**2 - self._epsilon, 0)
         self.count[seed] = self._start_count + observations
         self._show()

@@ -16,7 +16,8 @@ from jbench.agents.batched.learner import OffPolicyLearner
 from jbench.agents.batched.network import Layout, Network
 from jbench.agents.batched.replay import Batch
 from jbench.agents.batched.tensors import Tensors
-from jbench.policies.saved import SavedLayer, SavedNetwork
+from jbench.policies.layers import Linear, SavedLayer
+from jbench.policies.network import SavedNetwork
 from jbench.settings.algorithms import OffPolicySettings
 from jbench.settings.records import OFESettings
 
@@ -59,14 +60,14 @@ class OnFeatures(OffPolicyLearner[OffPolicySettings]):
         """See `Learner.policy_layers`; those of the features come first."""
         return [*self.features.observation_layers, *super().policy_layers()]
 
-    def feature_layers(self, linear: Sequence[SavedLayer]) -> list[SavedLayer]:
+    def feature_layers(self, linear: Sequence[Linear]) -> list[SavedLayer]:
         """See `Learner.feature_layers`."""
         return self.features.saved_layers(linear)
 
     def load_policy(self, policy: SavedNetwork) -> None:
         """See `Learner.load_policy`."""
         super().load_policy(policy)
-        self.features.load_standardization(*policy.layers[:2])
+        self.features.load_standardization(policy.layers)
 
     def pretrain(self, batch: Batch) -> None:
         """See `OffPolicyLearner.pretrain`."""

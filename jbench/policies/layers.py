@@ -1,0 +1,297 @@
+"""The layers of kept policies, which are applied with numpy, or with torch to export them."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jbench.arrays import Array, namespace
+
+Float = NDArray[np.float32]
+
+MAX_INPUT = 10.0
+"""Bound of the absolute value of an observation that learned features standardize."""
+
+
+@dataclass(frozen=True, eq=False)
+class SavedLayer(ABC):
+    """A layer of a kept policy; its fields are arrays and numbers, which are kept by their names.
+
+    Attributes:
+        kind: name of the class in the files of policies.
+    """
+
+    kind: ClassVar[str]
+
+    @abstractmethod
+    def after(self, results: Sequence[Array]) -> Array:
+        """Returns the layer's result, an array (..., units).
+
+        Args:
+            results: the observations (..., size), then the result of each layer before this one.
+        """
+
+    @property
+    def arrays(self) -> dict[str, Float]:
+        """The fields that are arrays, by name."""
+        return {name: value for name, value in self._values() if isinstance(value, np.ndarray)}
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """The fields that are numbers, by name."""
+        return {name: value for name, value in self._values() if not isinstance(value, np.ndarray)}
+
+    def _values(self) -> list[tuple[str, Any]]:
+        """Returns the name and the value of each field."""
+        return [(field.name, getattr(self, field.name)) for field in fields(self)]
+
+
+class _Function(SavedLayer):
+    """A layer that is a function of the result before it, (..., size)."""
+
+    @abstractmethod
+    def apply(self, x: Array) -> Array:
+        """Returns the layer's result in the library and the precision of `x`."""
+
+    def after(self, results: Sequence[Array]) -> Array:
+        """See `SavedLayer.after`."""
+        return self.apply(results[-1])
+
+
+def _constant(values: Float, x: Array) -> Array:
+    """Returns an array of a layer in the library of the array that the layer is applied to."""
+    return namespace(x).asarray(values)
+
+
+def _logistic(x: Array) -> Array:
+    """Returns 1 / (1 + exp(-x)), without an overflow."""
+    return 0.5 + 0.5 * namespace(x).tanh(0.5 * x)
+
+
+@dataclass(frozen=True, eq=False)
+class Linear(_Function):
+    """Multiplies by a weight matrix (units, size) and adds a bias (units,)."""
+
+    kind = "linear"
+    weight: Float
+    bias: Float
+
+    def apply(self, x: Array) -> Array:
+        return x @ _constant(self.weight, x).T + _constant(self.bias, x)
+
+
+@dataclass(frozen=True, eq=False)
+class LayerNorm(_Function):
+    """Normalizes over the last axis, multiplies by a weight and adds a bias, each (size,)."""
+
+    kind = "layer_norm"
+    weight: Float
+    bias: Float
+    epsilon: float
+
+    def apply(self, x: Array) -> Array:
+        centered = x - x.mean(axis=-1, keepdims=True)
+        variance = (centered * centered).mean(axis=-1, keepdims=True)
+        normalized = centered / namespace(x).sqrt(variance + self.epsilon)
+        return normalized * _constant(self.weight, x) + _constant(self.bias, x)
+
+
+@dataclass(frozen=True, eq=False)
+class Scale(_Function):
+    """Multiplies by a factor, (size,) or (1,)."""
+
+    kind = "scale"
+    factor: Float
+
+    def apply(self, x: Array) -> Array:
+        return x * _constant(self.factor, x)
+
+
+@dataclass(frozen=True, eq=False)
+class Shift(_Function):
+    """Adds an offset, (size,) or (1,)."""
+
+    kind = "shift"
+    offset: Float
+
+    def apply(self, x: Array) -> Array:
+        return x + _constant(self.offset, x)
+
+
+@dataclass(frozen=True, eq=False)
+class Divide(_Function):
+    """Divides by a divisor (size,)."""
+
+    kind = "divide"
+    divisor: Float
+
+    def apply(self, x: Array) -> Array:
+        return x / _constant(self.divisor, x)
+
+
+@dataclass(frozen=True, eq=False)
+class Columns(_Function):
+    """Leaves out the columns before the one whose index is `first`."""
+
+    kind = "columns"
+    first: int
+
+    def apply(self, x: Array) -> Array:
+        return x[..., int(self.first) :]
+
+
+@dataclass(frozen=True, eq=False)
+class Clip(_Function):
+    """Clips to [low, high]."""
+
+    kind = "clip"
+    low: float
+    high: float
+
+    def apply(self, x: Array) -> Array:
+        return x.clip(self.low, self.high)
+
+
+@dataclass(frozen=True, eq=False)
+class Relu(_Function):
+    """The rectified linear unit, max(x, 0)."""
+
+    kind = "relu"
+
+    def apply(self, x: Array) -> Array:
+        return x.clip(0)
+
+
+@dataclass(frozen=True, eq=False)
+class Tanh(_Function):
+    """The hyperbolic tangent."""
+
+    kind = "tanh"
+
+    def apply(self, x: Array) -> Array:
+        return namespace(x).tanh(x)
+
+
+@dataclass(frozen=True, eq=False)
+class Sigmoid(_Function):
+    """The logistic function."""
+
+    kind = "sigmoid"
+
+    def apply(self, x: Array) -> Array:
+        return _logistic(x)
+
+
+@dataclass(frozen=True, eq=False)
+class Silu(_Function):
+    """The sigmoid linear unit, x times its logistic function."""
+
+    kind = "silu"
+
+    def apply(self, x: Array) -> Array:
+        return x * _logistic(x)
+
+
+@dataclass(frozen=True, eq=False)
+class Elu(_Function):
+    """The exponential linear unit: x if it is positive, else alpha (exp(x) - 1)."""
+
+    kind = "elu"
+    alpha: float
+
+    def apply(self, x: Array) -> Array:
+        xp = namespace(x)
+        return xp.where(x > 0, x, self.alpha * xp.expm1(x.clip(max=0)))
+
+
+@dataclass(frozen=True, eq=False)
+class LeakyRelu(_Function):
+    """The leaky rectified linear unit: x if it is positive, else slope times x."""
+
+    kind = "leaky_relu"
+    slope: float
+
+    def apply(self, x: Array) -> Array:
+        return namespace(x).where(x > 0, x, self.slope * x)
+
+
+@dataclass(frozen=True, eq=False)
+class Concat(SavedLayer):
+    """Puts an earlier result before the last one.
+
+    Attributes:
+        earlier: number of layers before that result; 0 for the observation.
+    """
+
+    kind = "concat"
+    earlier: int
+
+    def after(self, results: Sequence[Array]) -> Array:
+        """See `SavedLayer.after`."""
+        last = results[-1]
+        return namespace(last).concat([results[int(self.earlier)], last], axis=-1)
+
+
+_CLASSES: tuple[type[SavedLayer], ...] = (
+    Linear,
+    LayerNorm,
+    Scale,
+    Shift,
+    Divide,
+    Columns,
+    Clip,
+    Relu,
+    Tanh,
+    Sigmoid,
+    Silu,
+    Elu,
+    LeakyRelu,
+    Concat,
+)
+
+LAYERS = {layer.kind: layer for layer in _CLASSES}
+"""The class of each kind of layer."""
+
+
+def relu_layers(linear: Sequence[SavedLayer], squash: str) -> list[SavedLayer]:
+    """Returns layers with ReLU between them and "tanh" or "clip" (to [-1, 1]) after the last."""
+    last: dict[str, SavedLayer] = {"tanh": Tanh(), "clip": Clip(low=-1, high=1)}
+    layers: list[SavedLayer] = []
+    for layer in linear:
+        layers += [layer, Relu()]
+
+    return [*layers[:-1], last[squash]]
+
+
+def standardizing_layers(mean: Float, deviation: Float, bound: float) -> list[SavedLayer]:
+    """Returns layers that standardize observations (size,) and clip them to [-bound, bound]."""
+    return [
+        Shift(offset=-mean),
+        Divide(divisor=deviation),
+        Clip(low=-bound, high=bound),
+    ]
+
+
+def feature_layers(
+    mean: Float, deviation: Float, linear: Sequence[Linear], appended: bool
+) -> list[SavedLayer]:
+    """Returns densely connected layers of SiLU units on observations (size,) that are standardized.
+
+    Args:
+        mean: of the observations, (size,).
+        deviation: standard deviation of the observations, (size,).
+        linear: each takes the standardized observation and the units of the layers before it.
+        appended: whether the features are the observation followed by the units, or the units.
+    """
+    layers = standardizing_layers(mean, deviation, MAX_INPUT)
+    for layer in linear:
+        layers += [layer, Silu(), Concat(earlier=len(layers))]
+
+    layers.append(Columns(first=len(mean)))
+    if appended:
+        layers.append(Concat(earlier=0))
+
+    return layers

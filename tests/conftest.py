@@ -106,11 +106,11 @@ def forked_workers(monkeypatch):
 @pytest.fixture(scope="session")
 def short_encoder_evaluation():
     """Evaluates encoders on two heuristic episodes, not ten, for the rest of the session."""
-    from jbench.encoders import evaluation
+    from jbench.encoders import reconstruction
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(evaluation, "_EPISODES", 2)
-        evaluation.heuristic_episodes.cache_clear()
+        patch.setattr(reconstruction, "_EPISODES", 2)
+        reconstruction.heuristic_episodes.cache_clear()
         yield
 
 

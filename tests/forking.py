@@ -280,11 +280,11 @@ def import_all():
 if __name__ == "__main__":
     shorten_episodes(steps=int(sys.argv[2]))
     import_all()
-    from jbench.encoders import evaluation
+    from jbench.encoders import reconstruction
     from jbench.training import engines
 
     # The speed of training is measured on few steps, encoders are evaluated on few episodes.
     engines._STEPS, engines._UPDATES = 20, 2
-    evaluation._EPISODES = 2
+    reconstruction._EPISODES = 2
     with contextlib.suppress(KeyboardInterrupt):
         serve(socket.socket(fileno=int(sys.argv[1])))

@@ -10,10 +10,11 @@ import torch
 from numpy.typing import NDArray
 
 from jbench.cores import one_thread
-from jbench.encoders.evaluation import errors, predictions
 from jbench.encoders.kind import Fitted, Kind, Learned
 from jbench.encoders.loop import CHECKPOINT, WeightArrays, check_kind, encoder_tables, learn
 from jbench.encoders.pairs import state_pairs
+from jbench.encoders.predictions import predictions
+from jbench.encoders.reconstruction import error_rows
 from jbench.encoders.registry import code_provenance, description, make_kind, sentence_about
 from jbench.encoders.saved import DESCRIPTION, WEIGHTS, SavedEncoder
 from jbench.encoders.scaling import rescaling
@@ -98,7 +99,7 @@ def train_encoder(
             )
             # An interrupted process may have committed the errors already.
             if not record.rows("encoder_errors"):
-                rows = errors(kind, weights, settings.latents, states)
+                rows = error_rows(kind, weights, settings.latents, states)
                 rows["encoder_predictions"] = predictions(kind, weights, states)
                 record.append(encoder_tables(record.id, rows))
 

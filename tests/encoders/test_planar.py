@@ -10,7 +10,6 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from jbench.encoders import action_signs
-from jbench.encoders.evaluation import predictions
 from jbench.encoders.kinds.planar import (
     HeadingFrame,
     PlanarMirror,
@@ -18,6 +17,7 @@ from jbench.encoders.kinds.planar import (
     PlanarWithoutYawRate,
     planar_weights,
 )
+from jbench.encoders.predictions import predictions
 from jbench.names import TASKS
 from jbench.task_specs import TASK_SPECS
 from jbench.tasks.find import find_task

@@ -10,11 +10,11 @@ import torch
 from jbench.commands.encoder_tables import show_explained
 from jbench.datasets import collect, find_dataset
 from jbench.encoders import load_encoder
-from jbench.encoders.evaluation import TARGETS, effective_rank, predictions
 from jbench.encoders.kinds.linear import DynamicModes, RandomFeatures, Scaled
 from jbench.encoders.kinds.predictive import Contrastive, ForwardModel, angle_periods, state_changes
 from jbench.encoders.loop import EncoderLearner
 from jbench.encoders.pairs import Shard, StatePairs
+from jbench.encoders.predictions import TARGETS, effective_rank, predictions
 from jbench.encoders.registry import make_kind
 from jbench.settings.records import DatasetSettings
 from jbench.store import Results

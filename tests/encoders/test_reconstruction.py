@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import safetensors.numpy
 
-from jbench.encoders.evaluation import heuristic_episodes
+from jbench.encoders.reconstruction import heuristic_episodes
 from jbench.encoders.registry import make_kind
 from jbench.encoders.saved import WEIGHTS
 from jbench.encoders.states import split_episodes

@@ -138,7 +138,7 @@ class _Trial:
     def _encoder(self) -> Any:
         """Returns the first trained encoder as agents load it."""
         record = self._trained("first", 0)
-        return load_encoder(Results(self._folder / "first"), record.id)[0]
+        return load_encoder(Results(self._folder / "first"), record.id).encoder
 
     def _train(self, place: str, seed: int) -> Record:
         """Collects a small dataset in a place of its own and trains an encoder on it."""

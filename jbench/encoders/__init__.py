@@ -1,11 +1,12 @@
 """Encoders: reduced-order representations of an observation, and their training."""
 
 from jbench.encoders.find import encoder_code, find_draws, find_encoder
-from jbench.encoders.saved import Encoder, load_encoder
+from jbench.encoders.saved import Encoder, LoadedEncoder, load_encoder
 from jbench.encoders.wrapper import action_signs, on_observations
 
 __all__ = [
     "Encoder",
+    "LoadedEncoder",
     "action_signs",
     "encoder_code",
     "find_draws",

@@ -6,8 +6,9 @@ from typing import Any
 
 from jbench import plugins
 from jbench.encoders.registry import code_provenance, kind_names
+from jbench.encoders.representations import named_encoder, without_options
 from jbench.encoders.saved import load_encoder
-from jbench.encoders.settings import EncoderSettings, named_encoder, without_options
+from jbench.encoders.settings import EncoderSettings
 from jbench.errors import RequestError, WorkError
 from jbench.names import in_prose
 from jbench.store import Record, Results
@@ -43,41 +44,48 @@ def find_encoder(
     # A kind that was given as MODULE:CLASS is known only by its name in the ids.
     representation = name if wanted is None else wanted.representation
     matches = _matches(results, representation, task)
-    if matches:
-        changed = {record.id: _changed_files(record) for record in matches}
-
-        def usefulness(record: Record) -> tuple[bool, bool, str]:
-            return record.status == "finished", not changed[record.id], record.manifest.updated
-
-        newest = max(matches, key=usefulness)
-        if newest.status == "finished" and changed[newest.id] and not accept_changed:
-            raise ChangedCodeError(
-                f"{since_recorded(newest, changed[newest.id])}; type "
-                f"{with_results(_command(newest), results.name)} to make one of the present code, "
-                f"or {ACCEPT}.",
-                changed[newest.id],
-            )
-
-        if newest.status == "finished":
-            return newest.id
-        name = newest.id
-    elif wanted is not None:
+    if not matches and wanted is not None:
         raise RequestError(
             f"No {representation} for {task} in {results.name}; type "
             f"{with_results(wanted.command, results.name)} to make one."
         )
+    if not matches:
+        return _checked_id(results, name, task, accept_changed)
 
-    id = results.complete_id("encoder", name)
-    _, description = load_encoder(results, id, accept_changed)
-    if description["task"] != task:
-        asked = {"options": {}} | description | {"task": task}
-        wanted = EncoderSettings.model_construct(**asked)
-        raise RequestError(
-            f"The encoder {id} is for {description['task']}, not for {task}; type "
-            f"{with_results(wanted.command, results.name)} to make one."
+    newest = max(matches, key=_usefulness)
+    if newest.status != "finished":
+        return _checked_id(results, newest.id, task, accept_changed)
+
+    changed = _changed_files(newest)
+    if changed and not accept_changed:
+        raise ChangedCodeError(
+            f"{since_recorded(newest, changed)}; type "
+            f"{with_results(_command(newest), results.name)} to make one of the present code, "
+            f"or {ACCEPT}.",
+            changed,
         )
 
-    return id
+    return newest.id
+
+
+def _usefulness(record: Record) -> tuple[bool, bool, str]:
+    """Returns what encoders of one name are ordered by: finished, of the present code, newest."""
+    return record.status == "finished", not _changed_files(record), record.manifest.updated
+
+
+def _checked_id(results: Results, beginning: str, task: str, accept_changed: bool) -> str:
+    """Returns the whole id of an encoder, or a RequestError if a run of a task can't use it."""
+    id = results.complete_id("encoder", beginning)
+    described = load_encoder(results, id, accept_changed).description
+    if described["task"] == task:
+        return id
+
+    asked = {"options": {}} | described | {"task": task}
+    wanted = EncoderSettings.model_construct(**asked)
+    raise RequestError(
+        f"The encoder {id} is for {described['task']}, not for {task}; type "
+        f"{with_results(wanted.command, results.name)} to make one."
+    )
 
 
 def _not_an_encoder(results: Results, kind: str, task: str) -> RequestError:
@@ -86,7 +94,8 @@ def _not_an_encoder(results: Results, kind: str, task: str) -> RequestError:
         record.path.parent.name
         for record in results.scan("encoder")[0]
         if record.status == "finished"
-        and (record.settings.get("kind"), record.settings.get("task")) == (kind, task)
+        and record.settings.get("kind") == kind
+        and record.settings.get("task") == task
     }
     if trained:
         instead = f"type --encoder {' or --encoder '.join(sorted(trained))}"
@@ -111,7 +120,10 @@ def _matches(results: Results, representation: str, task: str) -> list[Record]:
         and str(record.settings.get("dataset")) not in augmented
     ]
     named = [record for record in of_task if record.path.parent.name == representation]
-    return named or [
+    if named:
+        return named
+
+    return [
         record
         for record in of_task
         if record.status == "finished"
@@ -170,7 +182,7 @@ def find_draws(
     assert record is not None
     settings = EncoderSettings(**record.settings)
     ids = {seed: settings.model_copy(update={"seed": seed}).id for seed in seeds}
-    finished = {r.id for r in results.scan("encoder")[0] if r.status == "finished"}
+    finished = {each.id for each in results.scan("encoder")[0] if each.status == "finished"}
     missing = [str(seed) for seed, id in ids.items() if id not in finished]
     if missing:
         raise RequestError(

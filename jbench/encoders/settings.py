@@ -1,23 +1,21 @@
-"""The settings that identify an encoder, its short name, and how the name is read.
+"""The settings that identify an encoder, and its short name.
 
 A short name, or representation, is the kind, the number of latents and what is not the default:
 features of the observation, the base of its options, single options, and scales, such as
-dae12-without-velocity-script-noise-0.2-whitened. `REPRESENTATION` is its form.
+dae12-without-velocity-script-noise-0.2-whitened. `REPRESENTATION` is its form, and
+`jbench.encoders.representations` reads it.
 """
 
-import json
-import re
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 from pydantic import Field, model_validator
 
-from jbench import plugins
-from jbench.encoders.features import HASHED, columns, from_name, in_name, shortest
+from jbench.encoders.features import columns, in_name, shortest
+from jbench.encoders.kind import Kind
+from jbench.encoders.option_names import SCALES, as_typed, options_in_name
 from jbench.encoders.registry import (
     find_kind,
-    kind_names,
     kind_sources,
     latent_sizes,
     make_kind,
@@ -25,7 +23,7 @@ from jbench.encoders.registry import (
     short_name,
 )
 from jbench.errors import RequestError
-from jbench.names import REPRESENTATION, EncoderBase
+from jbench.names import EncoderBase
 from jbench.settings.base import (
     Seed,
     Settings,
@@ -37,11 +35,6 @@ from jbench.settings.base import (
 )
 from jbench.tasks.find import find_task
 
-_SCALES = ("scale", "rescale")  # the last parts of a name, by their values
-_HASHED_OPTIONS = "options"  # word before the hash of options whose values are too long
-_LONGEST = 60  # characters of options in a name
-_OPTION = re.compile(r"-([a-z_]+)-([A-Za-z0-9_.]+)")
-
 
 class EncoderSettings(Settings):
     """Settings that identify an encoder."""
@@ -49,7 +42,9 @@ class EncoderSettings(Settings):
     kind: str = "dae"
     task: str = "face_direction"
     dataset: str = Field(description="id of the random-policy dataset")
-    latents: int = Field(default=12, ge=1, description="paper, Figures 7 and 8")
+    latents: int = Field(
+        default=12, ge=1, description="number of latents; 12 in the paper, Figures 7 and 8"
+    )
     seed: Seed = 0
     options: dict[str, Any] = Field(default_factory=dict, description="every option of the kind")
     base: EncoderBase | None = omissible(None, description="source of the options, if in the name")
@@ -62,7 +57,7 @@ class EncoderSettings(Settings):
 
     @model_validator(mode="after")
     def _has_a_size_of_its_kind(self) -> "EncoderSettings":
-        problem = _wrong_size(self.kind, self.task, self.latents, self.options)
+        problem = wrong_size(self.kind, self.task, self.latents, self.options)
         if problem is not None:
             possible = latent_sizes(self.kind, self.task, self.options)
             raise ValueError(f"{problem}, not {self.latents}" if possible else problem)
@@ -77,7 +72,7 @@ class EncoderSettings(Settings):
         if self.base is not None:
             parts.append(self.base)
         if self.named:
-            parts.append(_options_in_name({name: self.options[name] for name in self.named}))
+            parts.append(options_in_name({name: self.options[name] for name in self.named}))
         return "-".join([*parts, *self._scales.values()])
 
     @property
@@ -87,7 +82,7 @@ class EncoderSettings(Settings):
         size = "" if has_one_size else f" --latent {self.latents}"
         base = "" if self.base is None else f" --settings {self.base}"
         assigned = {} if self.features is None else {"features": ",".join(self.features)}
-        assigned.update({name: _typed(self.options[name]) for name in self.named})
+        assigned.update({name: as_typed(self.options[name]) for name in self.named})
         assigned.update(self._scales)
         is_plain = self.kind == "dae" and not assigned and self.base is None
         verb = "train-dae" if is_plain else f"train-encoder --kind {self.kind}"
@@ -121,7 +116,7 @@ class EncoderSettings(Settings):
 
     @property
     def _scales(self) -> dict[str, str]:
-        return {name: self.options[name] for name in _SCALES if name in self.options}
+        return {name: self.options[name] for name in SCALES if name in self.options}
 
 
 def encoder_settings(
@@ -156,7 +151,11 @@ def encoder_settings(
             f"The settings of the {base} are for dae, not for {kind}: leave them out."
         )
 
-    given = {**({} if base is None else found.bases[base]), **options}
+    given: dict[str, Any] = {}
+    if base is not None:
+        given.update(found.bases[base])
+    given.update(options)
+
     made = make_kind(kind, given)
     if made.features is not None and made.needs_all_features:
         raise RequestError(f"{kind} needs all features of the observation: leave features out.")
@@ -164,7 +163,8 @@ def encoder_settings(
     full = made.values
     if episodes is not None:
         length = find_task(task).episode_steps if mean_steps is None else mean_steps
-        full = make_kind(kind, options_with_epochs(kind, given, episodes, length, seed)).values
+        with_epochs = options_with_epochs(kind, given, episodes, length, seed)
+        full = make_kind(kind, with_epochs).values
 
     features = shortest(task, made.features)
     if features is None:
@@ -173,13 +173,7 @@ def encoder_settings(
         full["features"] = features
 
     # The name says where options come from, however they were typed.
-    bases = (name for name, some in found.bases.items() if some.items() <= full.items())
-    in_base = next(bases, None)
-    elsewhere = {"features", *_SCALES, *(found.bases[in_base] if in_base else ())}
-    changed = (name for name in given if name in full and name not in elsewhere)
-    fields = found.model_fields
-    named = [name for name in changed if full[name] != typed_default(fields[name])]
-
+    base_in_name = _base_of(found, full)
     return validated(
         EncoderSettings,
         "the encoder",
@@ -187,107 +181,48 @@ def encoder_settings(
         task=task,
         seed=seed,
         options=full,
-        base=in_base,
-        named=sorted(named),
+        base=base_in_name,
+        named=_named_options(found, given, full, base_in_name),
         sources=kind_sources(kind),
         **values,
     )
 
 
-def named_encoder(name: str, task: str) -> EncoderSettings | None:
-    """Returns settings that a representation asks for; None for other names, such as an id.
+def _base_of(kind: type[Kind], options: Mapping[str, Any]) -> EncoderBase | None:
+    """Returns the first base of a kind whose options are among these; None if there is none."""
+    for base, some in kind.bases.items():
+        if some.items() <= options.items():
+            return base
+    return None
 
-    Their options are those in the name, and their dataset and seed are not those of any. The name
-    is KIND:LATENTS, KINDLATENTS, or KIND if the task determines the size; what is not the default
-    follows, as in dae12-observation-whitened.
 
-    Raises:
-        RequestError: if there is no such kind, or its encoders don't have this size.
+def _named_options(
+    kind: type[Kind], given: Mapping[str, Any], full: Mapping[str, Any], base: EncoderBase | None
+) -> list[str]:
+    """Returns the options whose values are in an encoder's name, in the order of the alphabet.
+
+    They were given, are not the default, and no other part of the name has them.
+
+    Args:
+        kind: class of the encoder's kind.
+        given: options that were given.
+        full: every option of the encoder.
+        base: the base that is in the name.
     """
-    match = REPRESENTATION.fullmatch(name)
-    kind = name.partition(":")[0] if match is None else match["kind"]
-    if kind not in kind_names():
-        if ":" not in name:
-            return None
-        if plugins.is_imported(name):
-            raise RequestError(f"{name} is a kind of encoder; type the id of an encoder of it.")
-    options = {} if match is None else _options_of_name(match, task)
-    if options is None:
-        return None
+    elsewhere = {"features", *SCALES}
+    if base is not None:
+        elsewhere.update(kind.bases[base])
 
-    sizes = latent_sizes(kind, task, options)
-    latents = sizes[0] if len(sizes) == 1 and ":" not in name else 0
-    if match and match["latents"]:
-        latents = int(match["latents"].lstrip("0")[:10] or 0)  # Python reads no more than 4300
-    problem = _wrong_size(kind, task, latents, options)
-    if problem is None:
-        base: EncoderBase | None = "script" if match and match["base"] else None
-        return EncoderSettings(
-            kind=kind,
-            task=task,
-            dataset="any",
-            latents=latents,
-            options=options,
-            base=base,
-            named=sorted(option for option in options if option not in ("features", *_SCALES)),
-        )
-    if not sizes:
-        raise RequestError(f"{problem}.")
-    size, more = ("", "") if len(sizes) == 1 else (str(min(12, sizes[-1])), ", for example")
-    endings = match["endings"] if match else ""
-    raise RequestError(f"{problem}; choose {kind}{size}{endings}{more}.")
+    return sorted(
+        name
+        for name in given
+        if name in full
+        and name not in elsewhere
+        and full[name] != typed_default(kind.model_fields[name])
+    )
 
 
-def without_options(representation: str) -> str:
-    """Returns a representation's name without its single options: dae12 of dae12-noise-0.2."""
-    match = REPRESENTATION.fullmatch(representation)
-    if match is None or not match["options"]:
-        return representation
-    first, last = match.span("options")
-    return representation[:first] + representation[last:]
-
-
-def _options_of_name(match: re.Match[str], task: str) -> dict[str, Any] | None:
-    """Returns the options in a name; None if they are a hash, whose encoder is found by the name.
-
-    Raises a RequestError if the task has no such features.
-    """
-    options: dict[str, Any] = {name: match[name] for name in _SCALES if match[name]}
-    features = match["features"]
-    if features:
-        if features.startswith(f"{HASHED}-"):
-            return None
-        options["features"] = shortest(task, from_name(features))
-    for name, text in _OPTION.findall(match["options"] or ""):
-        if name == _HASHED_OPTIONS:
-            return None
-        try:
-            options[name] = json.loads(text)
-        except ValueError:
-            options[name] = text
-    return options
-
-
-def _options_in_name(options: Mapping[str, Any]) -> str:
-    """Returns options as a part of a name: epochs-20-noise-0.2, or a hash of long ones."""
-    name = "-".join(f"{option}-{_in_name(value)}" for option, value in options.items())
-    return name if len(name) <= _LONGEST else f"{_HASHED_OPTIONS}-{settings_hash(options)}"
-
-
-def _in_name(value: Any) -> str:
-    """Returns a value as a part of a name, or its hash if it has other letters."""
-    text = _typed(value)
-    return text if re.fullmatch(r"[A-Za-z0-9_.]+", text) else settings_hash({"value": value})
-
-
-def _typed(value: Any) -> str:
-    """Returns a value as users type it, without an exponent."""
-    if isinstance(value, float):
-        return np.format_float_positional(value, trim="-")
-    return value if isinstance(value, str) else json.dumps(value)
-
-
-def _wrong_size(kind: str, task: str, latents: int, options: Mapping[str, Any]) -> str | None:
+def wrong_size(kind: str, task: str, latents: int, options: Mapping[str, Any]) -> str | None:
     """Returns what is wrong with a number of latents as a clause; None if nothing is."""
     sizes = latent_sizes(kind, task, options)
     if latents in sizes:

@@ -83,7 +83,7 @@ def load_agent(
 
     specs = record.settings.get("specs")
     check_specs(task, Specs.model_validate(specs) if specs else None, accept_changed)
-    loaded = None if encoder is None else load_encoder(results, encoder, accept_changed)[0]
+    loaded = None if encoder is None else load_encoder(results, encoder, accept_changed).encoder
     return TrainedAgent(task, policy, loaded)
 
 

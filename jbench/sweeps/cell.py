@@ -15,7 +15,8 @@ from jbench.datasets import collect, find_dataset, plan_dataset
 from jbench.devices import find_device
 from jbench.encoders.find import kept_settings
 from jbench.encoders.registry import kind_names, make_kind
-from jbench.encoders.settings import EncoderSettings, encoder_settings, named_encoder
+from jbench.encoders.representations import named_encoder
+from jbench.encoders.settings import EncoderSettings, encoder_settings
 from jbench.encoders.states import Scale, States
 from jbench.encoders.training import plan_encoder, train_encoder
 from jbench.errors import RequestError, WorkError

@@ -28,7 +28,7 @@ def load_run_encoder(
     id: str | None, results: Results, accept_changed: bool = False
 ) -> Encoder | None:
     """Returns the encoder of a run, or None for the full observation; see `load_encoder`."""
-    return None if id is None else load_encoder(results, id, accept_changed)[0]
+    return None if id is None else load_encoder(results, id, accept_changed).encoder
 
 
 def make_env(

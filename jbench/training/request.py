@@ -69,7 +69,7 @@ def request_runs(
     fields["time_limit"] = fields.get("time_limit") or default_time_limit(base)
     algorithm = algorithm_fields(algo, engine, base, algorithm_changes, task)
     if "encoder" in fields and algorithm["hyperparameters"].get("mirror"):
-        input_mirror(task, load_encoder(results, fields["encoder"], accept_changed)[0])
+        input_mirror(task, load_encoder(results, fields["encoder"], accept_changed).encoder)
     fields["specs"] = find_task(task).specs
     return make_runs(seeds, encoders, task=task, **algorithm, **fields)
 

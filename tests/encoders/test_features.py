@@ -7,9 +7,10 @@ import torch
 
 from jbench.encoders import find_draws, find_encoder, load_encoder
 from jbench.encoders.features import columns, shortest
+from jbench.encoders.representations import named_encoder
 from jbench.encoders.saved import WEIGHTS
 from jbench.encoders.scaling import Scaling
-from jbench.encoders.settings import encoder_settings, named_encoder
+from jbench.encoders.settings import encoder_settings
 from jbench.encoders.states import States
 from jbench.errors import RequestError
 from jbench.names import features_in, kind_in
@@ -100,7 +101,7 @@ def test_raw_features_are_in_si_units_and_scaled_ones_between_their_extremes(tra
     for kind in ("raw", "scaled"):
         record = train(states, results, kind, 16, WITHOUT_SPEED)
         assert record.path.parent.name == f"{kind}16-{NAME}"
-        latents[kind] = load_encoder(results, record.id)[0].encode(seen)
+        latents[kind] = load_encoder(results, record.id).encoder.encode(seen)
     physical = denormalize(TASK, seen.astype(np.float64))[..., :16]
     np.testing.assert_allclose(latents["raw"], physical, rtol=1e-3, atol=1e-4)
     assert np.abs(latents["scaled"]).max() <= 1 + 1e-5
@@ -125,7 +126,7 @@ def test_missing_encoder_names_the_command_that_makes_it(results):
 
 def test_observations_of_another_size_are_refused(trained, results):
     record = train(States(trained.dataset, TASK, 2), results, "pca", 3, WITHOUT_SPEED)
-    encoder, _ = load_encoder(results, record.id)
+    encoder = load_encoder(results, record.id).encoder
     with pytest.raises(ValueError, match="observations of 16 numbers instead of 19"):
         encoder.encode(np.zeros(16, np.float32))
 

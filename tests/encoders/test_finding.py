@@ -220,7 +220,7 @@ def test_encoder_of_each_kind_is_saved_and_loaded(trained, results, kind):
     record = train(trained.states, results, kind, 4)
     assert record.id.startswith(f"face_direction/{kind}4/s02-")
     assert find_encoder(results, f"{kind}:4", FACE) == record.id
-    encoder, _ = load_encoder(Results(results.path), record.id)
+    encoder = load_encoder(Results(results.path), record.id).encoder
     seen = np.random.default_rng(0).uniform(-1, 1, (2, 5, 16)).astype(np.float32)
     latents = encoder.encode(seen)
     assert (latents.shape, encoder.encode(seen[:0]).shape) == ((2, 5, 4), (0, 5, 4))

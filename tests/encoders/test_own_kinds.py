@@ -68,7 +68,7 @@ def made(kind, trained, results, **options):
 def test_numbers_made_by_hand_need_only_encode(mine, trained, results):
     record = made("mine:Motions", trained, results)
     assert record.path.parent.name == "motions9"
-    encoder, _ = load_encoder(results, record.id)
+    encoder = load_encoder(results, record.id).encoder
     seen = observations_of(trained.dataset)[0]
     scaled = trained.states.scaled(seen)
     np.testing.assert_array_equal(encoder.encode(seen), scaled[:, 7:])
@@ -87,7 +87,7 @@ def test_trained_module_is_saved_with_its_numbers(mine, trained, results, tmp_pa
     record = made("mine:MyVAE", trained, results, scale="observation")
     assert record.path.parent.name == "my-vae5-observation"
     (tmp_path / "vae.pt").unlink()  # it is not needed any more
-    encoder, _ = load_encoder(results, record.id)
+    encoder = load_encoder(results, record.id).encoder
     seen = observations_of(trained.dataset)[0]
     with torch.no_grad():
         expected = mine(torch.from_numpy(seen))

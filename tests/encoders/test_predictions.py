@@ -230,7 +230,7 @@ def test_dmd_recovers_order_of_linear_system_in_any_units(order):
 
 def test_encoder_with_more_latents_than_features_is_evaluated(trained, results):
     record = train(trained.states, results, "random-features", 64)
-    assert load_encoder(results, record.id)[0].latent_size == 64
+    assert load_encoder(results, record.id).encoder.latent_size == 64
     (errors,) = record.read("encoder_errors").to_pylist()
     assert errors["pca_explained"] == pytest.approx(1, abs=1e-5)
     assert len(rows(record, "encoder_predictions")) == len(TARGETS)

@@ -6,7 +6,8 @@ import re
 import pytest
 
 from jbench.encoders.registry import options_with_epochs
-from jbench.encoders.settings import encoder_settings, named_encoder
+from jbench.encoders.representations import named_encoder
+from jbench.encoders.settings import encoder_settings
 from jbench.errors import RequestError
 from jbench.names import kind_in
 from jbench.store import Results

@@ -35,7 +35,7 @@ def trained_with(data, results, kind="dae", latents=3, seed=2, **options):
 
 def latents_of(results, record, data):
     """Returns the latents (rows, latents) of the training episodes."""
-    encoder, _ = load_encoder(results, record.id)
+    encoder = load_encoder(results, record.id).encoder
     learned = observations_of(data.dataset)[split_episodes(data.dataset.episodes, 2)[0]]
     return encoder.encode(learned.reshape(-1, 16)).astype(np.float64)
 
@@ -166,7 +166,9 @@ def test_kind_of_fixed_size_is_found_by_name(trained, results):
 def test_dae_with_yaw_rate_appends_scaled_yaw_rate(trained, results):
     record, plain = (train(trained.states, results, *kind) for kind in (("dae-yaw", 4), ("dae", 3)))
     observations = observations_of(trained.dataset)
-    latents, inner = (load_encoder(results, r.id)[0].encode(observations) for r in (record, plain))
+    latents, inner = (
+        load_encoder(results, r.id).encoder.encode(observations) for r in (record, plain)
+    )
     np.testing.assert_array_equal(latents[..., :3], inner)
     np.testing.assert_allclose(
         latents[..., 3], trained.states.scaled(observations)[..., 12], atol=1e-6

@@ -143,7 +143,7 @@ def test_training_on_cuda_resumes_to_same_weights(trained, tmp_path, kind):
     on_cpu = train(states(), Results(tmp_path / "cpu"), kind, options=options)
     errors = [rows(record)["test_mse"] for record in (uninterrupted, on_cpu)]
     np.testing.assert_allclose(*errors, rtol=1e-3)
-    encoder, _ = load_encoder(results, uninterrupted.id)
+    encoder = load_encoder(results, uninterrupted.id).encoder
     batch = torch.rand(5, 16, device=cuda, dtype=torch.float64)
     found = encoder.encode(batch)
     assert (found.device.type, found.dtype) == ("cuda", torch.float64)

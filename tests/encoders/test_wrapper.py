@@ -51,7 +51,7 @@ def test_encoder_that_is_mirrored_already_is_refused():
 
 
 def test_encoded_environment_observes_latents(trained):
-    encoder, _ = load_encoder(trained.results, trained.record.id)
+    encoder = load_encoder(trained.results, trained.record.id).encoder
     plain = gymnasium.make(environment_id("face_direction"))
     encoded = EncodedObservation(gymnasium.make(environment_id("face_direction")), encoder)
     assert encoded.observation_space.shape == (3,)
@@ -66,6 +66,6 @@ def test_encoded_environment_observes_latents(trained):
 
 
 def test_environment_of_other_task_is_not_encoded(trained):
-    encoder, _ = load_encoder(trained.results, trained.record.id)
+    encoder = load_encoder(trained.results, trained.record.id).encoder
     with pytest.raises(RequestError, match=r"can't encode observations of shape \(19,\)"):
         EncodedObservation(gymnasium.make(environment_id("move_to_pose")), encoder)

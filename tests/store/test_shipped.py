@@ -52,7 +52,7 @@ def test_functions_of_the_api_take_a_path(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert load_agent("reference", RUN).task == "face_direction"
     encoder = find_encoder("reference", "dae:12", "face_direction")
-    assert load_encoder(shipped(), encoder)[1]["kind"] == "dae"
+    assert load_encoder(shipped(), encoder).description["kind"] == "dae"
     with pytest.raises(RequestError, match="No finished dataset in reference"):
         find_dataset("reference")
 

@@ -1,0 +1,76 @@
+"""What a representation that a user types asks for, such as dae12-observation-whitened.
+
+`REPRESENTATION` is the form of these names; `EncoderSettings.representation` writes them.
+"""
+
+from jbench import plugins
+from jbench.encoders.option_names import SCALES, options_from_name
+from jbench.encoders.registry import kind_names, latent_sizes
+from jbench.encoders.settings import EncoderSettings, wrong_size
+from jbench.errors import RequestError
+from jbench.names import REPRESENTATION, EncoderBase
+
+
+def named_encoder(name: str, task: str) -> EncoderSettings | None:
+    """Returns settings that a representation asks for; None for other names, such as an id.
+
+    Their options are those in the name, and their dataset and seed are not those of any. The name
+    is KIND:LATENTS, KINDLATENTS, or KIND if the task determines the size; what is not the default
+    follows, as in dae12-observation-whitened.
+
+    Raises:
+        RequestError: if there is no such kind, or its encoders don't have this size.
+    """
+    match = REPRESENTATION.fullmatch(name)
+    kind = name.partition(":")[0] if match is None else match["kind"]
+    if kind not in kind_names():
+        if ":" not in name:
+            return None
+        if plugins.is_imported(name):
+            raise RequestError(f"{name} is a kind of encoder; type the id of an encoder of it.")
+
+    given = {} if match is None else options_from_name(match, task)
+    if given is None:
+        return None
+
+    sizes = latent_sizes(kind, task, given)
+    latents = sizes[0] if len(sizes) == 1 and ":" not in name else 0
+    if match and match["latents"]:
+        latents = int(match["latents"].lstrip("0")[:10] or 0)  # Python reads no more than 4300
+
+    problem = wrong_size(kind, task, latents, given)
+    if problem is not None:
+        endings = match["endings"] if match else ""
+        raise _no_such_size(problem, kind, sizes, endings)
+
+    base: EncoderBase | None = "script" if match and match["base"] else None
+    return EncoderSettings(
+        kind=kind,
+        task=task,
+        dataset="any",
+        latents=latents,
+        options=given,
+        base=base,
+        named=sorted(option for option in given if option not in ("features", *SCALES)),
+    )
+
+
+def _no_such_size(problem: str, kind: str, sizes: range, endings: str) -> RequestError:
+    """Returns the refusal of a number of latents, with a name of a size that there is."""
+    if not sizes:
+        return RequestError(f"{problem}.")
+    if len(sizes) == 1:
+        return RequestError(f"{problem}; choose {kind}{endings}.")
+
+    size = min(12, sizes[-1])
+    return RequestError(f"{problem}; choose {kind}{size}{endings}, for example.")
+
+
+def without_options(representation: str) -> str:
+    """Returns a representation's name without its single options: dae12 of dae12-noise-0.2."""
+    match = REPRESENTATION.fullmatch(representation)
+    if match is None or not match["options"]:
+        return representation
+
+    first, last = match.span("options")
+    return representation[:first] + representation[last:]

@@ -140,7 +140,7 @@ def _ending_blocks(dataset: Dataset, task: str) -> Iterator[EndingBlock]:
         count, length = block.rewards.shape
         yield EndingBlock(
             observations=block.observations,
-            actions=block.actions.reshape(count, length, -1),
+            actions=block.action_vectors,
             rewards=block.rewards,
             lengths=np.full(count, length),
             terminated=np.zeros(count, bool),

@@ -24,7 +24,8 @@ class Block(NamedTuple):
 
     Attributes:
         observations: (episodes, n + 1, dim(O)), the last after the last action.
-        actions: (episodes, n); of another robot (episodes, n, action_size).
+        actions: (episodes, n) of the Jitterbug, whose actions are numbers; of another robot as
+            `action_vectors`.
         rewards: (episodes, n), at the end of each control step.
     """
 
@@ -36,6 +37,11 @@ class Block(NamedTuple):
     def states(self) -> Float:
         """The observations, as `EndingBlock` has them."""
         return self.observations
+
+    @property
+    def action_vectors(self) -> Float:
+        """The actions of any robot, (episodes, n, action_size)."""
+        return self.actions if self.actions.ndim == 3 else self.actions[..., None]
 
 
 class DatasetLayout(ABC):

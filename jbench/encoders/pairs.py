@@ -48,7 +48,7 @@ class Shard(NamedTuple):
     """
 
     states: Tensor  # (episodes, steps + 1, size) scaled: one before each action, and the last
-    actions: Tensor  # (episodes, steps), or (episodes, steps, action_size) of another robot
+    actions: Tensor  # (episodes, steps, action_size)
     rewards: Tensor  # (episodes, steps) of the actions
     followed: Followed | None = None
 

@@ -208,18 +208,23 @@ class States:
 
     def _shard(self, gathered: list[AnyBlock]) -> Shard:
         """Returns episodes as tensors on the device, their states scaled."""
-        arrays = [
-            block.in_a_row() if isinstance(block, EndingBlock) else block for block in gathered
+        parts = [
+            block.in_a_row()
+            if isinstance(block, EndingBlock)
+            else (block.observations, block.action_vectors, block.rewards)
+            for block in gathered
         ]
-        states, *others = (np.concatenate(part) for part in zip(*arrays, strict=True))
+        scaled, *others = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
         gain, offset = self.scaling.gain_and_offset()
-        states *= gain
-        states += offset
-        parts = [torch.from_numpy(part) for part in (states, *others)]
+        scaled *= gain
+        scaled += offset
+        states = torch.from_numpy(scaled)
+        actions, rewards, *followed = map(torch.from_numpy, others)
         if self.dataset.has_one_length:
-            return Shard(parts[0], parts[1], parts[2]).to(self.device)
-        in_a_row = [part[None] for part in parts[:3]]
-        return Shard(in_a_row[0], in_a_row[1], in_a_row[2], Followed(parts[3])).to(self.device)
+            return Shard(states, actions, rewards).to(self.device)
+
+        in_a_row = Shard(states[None], actions[None], rewards[None], Followed(followed[0]))
+        return in_a_row.to(self.device)
 
 
 def _chosen(block: Any, part: range, episodes: NDArray[np.intp]) -> Any:

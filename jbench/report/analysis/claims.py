@@ -18,8 +18,9 @@ from jbench.names import FULL, REPRESENTATION, kind_in
 from jbench.report.analysis.baselines import with_baselines
 from jbench.report.analysis.decisions import StudyComparison
 from jbench.report.analysis.findings import Decided, Finding, decide, decide_solved
-from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, Scores, seed_scores
+from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, seed_scores
 from jbench.report.data.configuration import Configuration, differing_in
+from jbench.report.data.scores import Scores
 from jbench.report.numbers import ratio, rounded, signed, steps, whole
 from jbench.settings.recorded import comparable
 from jbench.statistics import FloatArray

@@ -5,8 +5,7 @@ the highest return of a task, over all its runs and points. Tasks of dm_control 
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
-from weakref import WeakKeyDictionary
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,11 +14,12 @@ from jbench.report.data.common_steps import means_over_run
 from jbench.report.data.configuration import ID, Configuration, in_order
 from jbench.report.data.curves import final_returns
 from jbench.report.data.points import long_frame
+from jbench.report.data.scores import Scores
 from jbench.report.data.source_names import FILE, IMPORTED
 from jbench.returns import EVALUATION
-from jbench.statistics import BoolArray, FloatArray
+from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
-from jbench.statistics.agents import Agents, difference
+from jbench.statistics.agents import difference
 from jbench.task_specs import return_range
 
 IQM_DIFFERENCE = st.difference(st.interquartile_mean)
@@ -31,41 +31,18 @@ PROFILES = [*ID, "seeds", "final_return", "share", "low", "high"]
 Range = tuple[float, float]  # lowest and highest return
 
 
-class Scores(NamedTuple):
-    """Scores (seeds,) of a configuration up to a control step.
-
-    deviations are those of the episodes, in number `episodes`, that a final return averages; NaN if
-    unknown. known (seeds of the configuration,) says which seeds have scores.
-    """
-
-    final: FloatArray
-    area: FloatArray  # mean return over the run
-    deviations: FloatArray
-    episodes: FloatArray
-    known: BoolArray
-    middle: float  # control step of the final returns, a median
-
-    @property
-    def deviation_by_episodes(self) -> float:
-        """Standard deviation of the final returns if all agents had the same expected return."""
-        return float(np.sqrt(self.agents.episode_variance)) if len(self.final) else np.nan
-
-    @property
-    def agents(self) -> Agents:
-        """The final returns with the variances that are due to their episodes."""
-        return Agents(self.final, self.deviations**2 / self.episodes, self.episodes)
-
-
-# Of the existing configurations, which many frames need; a configuration never changes.
-_SCORES: WeakKeyDictionary[Configuration, dict[int | None, Scores]] = WeakKeyDictionary()
-
-
 def seed_scores(configuration: Configuration, control_steps: int | None = None) -> Scores:
-    """Returns the scores up to a control step; None: over the whole runs."""
-    known = _SCORES.setdefault(configuration, {})
-    if control_steps in known:
-        return known[control_steps]
+    """Returns the scores up to a control step; None: over the whole runs.
 
+    They are computed once, and kept by the configuration.
+    """
+    if control_steps not in configuration.scores:
+        configuration.scores[control_steps] = _computed(configuration, control_steps)
+    return configuration.scores[control_steps]
+
+
+def _computed(configuration: Configuration, control_steps: int | None) -> Scores:
+    """Returns what `seed_scores` keeps."""
     end = configuration.longest if control_steps is None else control_steps
     lengths = configuration.lengths_up_to(end)
     within = np.arange(configuration.returns.shape[1]) < lengths[:, None]
@@ -83,7 +60,7 @@ def seed_scores(configuration: Configuration, control_steps: int | None = None) 
 
     area = _means_over_run(configuration, configuration.beside, end)
     usable = np.isfinite(final) & np.isfinite(area)
-    known[control_steps] = Scores(
+    return Scores(
         final=final[usable],
         area=area[usable],
         deviations=deviations[usable],
@@ -91,7 +68,6 @@ def seed_scores(configuration: Configuration, control_steps: int | None = None) 
         known=usable,
         middle=float(np.median(middles)),
     )
-    return known[control_steps]
 
 
 def _means_over_run(

@@ -17,6 +17,7 @@ from jbench.report.data.common_steps import (
 )
 from jbench.report.data.curves import Curve, SeedCurve, learning_curve, seed_curve
 from jbench.report.data.points import FIELDS, Points
+from jbench.report.data.scores import Scores
 from jbench.report.data.source_names import FILE, OWN, has_solved_return
 from jbench.report.request import WINDOW
 from jbench.returns import EVALUATION
@@ -68,6 +69,7 @@ class Configuration:
         name: unique name in its source: `face_direction TD3 dae12`.
         configuration: unique name in a report: `reference: face_direction TD3 dae12`.
         shown: name that a reader chose for the representation, or for a method of a file; or None.
+        scores: what `analysis.scores.seed_scores` has computed, by its control step.
         beside: other methods on the task that may have been logged at other control steps, with
             whose means over the run those of this one are compared.
     """
@@ -95,6 +97,7 @@ class Configuration:
         self.notes: tuple[str, ...] = ()
         self.shown: str | None = None
         self.beside: Sequence[Configuration] = ()
+        self.scores: dict[int | None, Scores] = {}
         fields = [points[name] for name in FIELDS]
         self.returns, self.control_steps, self.processor_time, self.deviations, self.counts = fields
         self.seeds = runs["seed"].to_numpy(np.int64)

@@ -30,6 +30,8 @@ Make = Callable[[int], Any]
 class DmTask(EnvironmentTask):
     """A task that a `dm_env.Environment` or a `gymnasium.Env` implements."""
 
+    specs: Specs
+
     def __init__(
         self,
         name: str,

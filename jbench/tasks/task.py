@@ -1,9 +1,9 @@
-"""The interface of a task: what engine, datasets, encoders and evaluations know of a robot.
+"""The base class of tasks: what engine, datasets, encoders and evaluations know of a robot.
 
 Also rollouts of a policy in several worlds, and the path of a robot in an episode.
 """
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol
 
@@ -33,10 +33,11 @@ class HandWritten(Protocol):
         """Returns actions (robots, action_size) in [-1, 1] for observations (robots, dim(O))."""
 
 
-class Task(Protocol):
-    """A task with a time limit and actions in [-1, 1].
+class Task(ABC):
+    """Base class of tasks, which have a time limit and actions in [-1, 1].
 
-    What a task does not answer differently is unknown, as of a robot that jbench sees first.
+    A subclass sets the attributes that have no default, and makes `worlds`. The other answers are
+    those of a robot that jbench sees for the first time: unknown, or no.
 
     Attributes:
         parts: number of values of each part of the observation, in order, by name.

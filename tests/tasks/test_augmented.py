@@ -46,7 +46,7 @@ def ends(robot, geom):
 
 
 def test_model_without_shifts_equals_plain_robot(general):
-    robot, parts = robots.build(Morphology(0)), ("body_", "jnt_", "dof_", "geom_", "actuator_")
+    robot, parts = robots.build(Morphology(seed=0)), ("body_", "jnt_", "dof_", "geom_", "actuator_")
     for field in [name for name in dir(general) if name.startswith(parts)]:
         found, expected = getattr(robot, field), getattr(general, field)
         np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-15, err_msg=field)
@@ -92,7 +92,7 @@ def test_moved_knee_and_foot_move_all_attached_parts_and_no_other_leg(plain, leg
 
 def test_motor_mass_is_moved_and_resized(plain):
     robot = robots.build(
-        Morphology(0, mass=(0.001, -0.0005, 0.002), mass_semi_axes=(0.001, -0.001, 0.0005))
+        Morphology(seed=0, mass=(0.001, -0.0005, 0.002), mass_semi_axes=(0.001, -0.001, 0.0005))
     )
     np.testing.assert_allclose(robot.geom("mass").pos, (0.0053, -0.0045, 0.028), atol=1e-12)
     np.testing.assert_allclose(robot.geom("mass").size, (0.009, 0.009, 0.0035), atol=1e-12)
@@ -103,7 +103,7 @@ def test_motor_mass_is_moved_and_resized(plain):
 
 def test_densities_change_masses_of_their_parts(plain):
     robot = robots.build(
-        Morphology(0, torso_upper_density=11.5, torso_lower_density=-70, default_density=770)
+        Morphology(seed=0, torso_upper_density=11.5, torso_lower_density=-70, default_density=770)
     )
     # Volumes by hand: boxes of 11 x 12 x 22 and 16 x 12 x 16 mm.
     boxes = 2904e-9 * 50 + 3072e-9 * 700
@@ -119,7 +119,7 @@ def test_densities_change_masses_of_their_parts(plain):
 
 
 def test_gear_changes_torque():
-    robot = robots.build(Morphology(0, gear=0.001))
+    robot = robots.build(Morphology(seed=0, gear=0.001))
     data = mujoco.MjData(robot)
     data.ctrl[0] = 1
     mujoco.mj_forward(robot, data)
@@ -202,8 +202,8 @@ def test_robot_stands_and_steps_without_warning(seed, vary_masses):
     ],
 )
 def test_robot_that_cannot_compile_or_stand_is_not_usable(name, value):
-    assert robots.is_usable(Morphology(0))
-    assert not robots.is_usable(Morphology(0, **{name: value}))
+    assert robots.is_usable(Morphology(seed=0))
+    assert not robots.is_usable(Morphology(seed=0, **{name: value}))
 
 
 def test_unusable_draw_is_redrawn_and_counted(monkeypatch):

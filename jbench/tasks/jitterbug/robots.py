@@ -26,8 +26,13 @@ LEGS = (1, 2, 3, 4)  # the legs: 1 and 2 on the robot's left (x > 0), 2 and 3 at
 _LEG_SD = (0.003, 0.003, 0.002)  # m, of knees and feet
 _MASS_SD = (0.0015, 0.002, 0.001)  # m
 _SEMI_AXIS_SD = 0.0007  # m
-# Of the density of the torso's upper and lower box and of steel (kg/m^3), and of the gear (N m).
-_MORE_SD = (10.0, 80.0, 200.0, 0.001)
+# Of what varies with the masses, in the order of the draws: densities (kg/m^3) and torque (N m).
+_MASSES_SD = {
+    "torso_upper_density": 10.0,
+    "torso_lower_density": 80.0,
+    "default_density": 200.0,
+    "gear": 0.001,
+}
 
 # Shifts of the mass forward (-y) and down are limited to a millimeter (m).
 _MIN_MASS_SHIFT = (-math.inf, -0.001, -0.001)
@@ -54,7 +59,7 @@ leg1_lower leg4_lower, leg1_foot leg4_lower, leg1_foot leg4_foot, leg4_foot leg1
 """
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Morphology:
     """Differences from the plain robot; the defaults are the plain robot."""
 
@@ -117,31 +122,53 @@ def draw(seed: int, *, vary_masses: bool = False) -> Morphology:
     source = np.random.SeedSequence(seed)
     for redraws in range(_MAX_REDRAWS + 1):
         random = np.random.default_rng(*source.spawn(1))
-        knees, feet = (
-            tuple(map(tuple, random.normal(0, _LEG_SD, (len(LEGS), 3)).tolist())) for _ in range(2)
+        knees = _draw_leg_shifts(random)
+        feet = _draw_leg_shifts(random)
+        mass = np.maximum(random.normal(0, _MASS_SD), _MIN_MASS_SHIFT)
+        semi_axes = random.normal(0, _SEMI_AXIS_SD, 3)
+        masses = dict[str, float]()
+        if vary_masses:
+            changes = random.normal(0, list(_MASSES_SD.values()))
+            masses = dict(zip(_MASSES_SD, changes.tolist(), strict=True))
+
+        morphology = Morphology(
+            seed=seed,
+            redraws=redraws,
+            knees=knees,
+            feet=feet,
+            mass=tuple(mass.tolist()),
+            mass_semi_axes=tuple(semi_axes.tolist()),
+            **masses,
         )
-        mass = tuple(np.maximum(random.normal(0, _MASS_SD), _MIN_MASS_SHIFT).tolist())
-        semi_axes = tuple(random.normal(0, _SEMI_AXIS_SD, 3).tolist())
-        more = random.normal(0, _MORE_SD).tolist() if vary_masses else ()
-        morphology = Morphology(seed, redraws, knees, feet, mass, semi_axes, *more)
         if is_usable(morphology):
             return morphology
 
     raise WorkError(f"None of {_MAX_REDRAWS + 1} draws of seed {seed} stands: use another.")
 
 
+def _draw_leg_shifts(random: np.random.Generator) -> tuple[Vector, ...]:
+    """Returns shifts of the knees or the feet, one for each of `LEGS` (m)."""
+    shifts = random.normal(0, _LEG_SD, (len(LEGS), 3))
+    return tuple(tuple(shift) for shift in shifts.tolist())
+
+
 def build(morphology: Morphology) -> mujoco.MjModel:
     """Returns a new MuJoCo model; a size or a mass that is not positive is a ValueError."""
     spec = mujoco.MjSpec.from_string(model.xml())
     for leg, knee_shift, foot_shift in zip(LEGS, morphology.knees, morphology.feet, strict=True):
-        upper, lower = spec.geom(f"leg{leg}_upper"), spec.geom(f"leg{leg}_lower")
-        shoulder, elbow = spec.joint(f"leg{leg}_shoulder"), spec.joint(f"leg{leg}_elbow")
-        knee, foot = spec.geom(f"leg{leg}_knee"), spec.geom(f"leg{leg}_foot")
+        upper = spec.geom(f"leg{leg}_upper")
+        lower = spec.geom(f"leg{leg}_lower")
+        shoulder = spec.joint(f"leg{leg}_shoulder")
+        elbow = spec.joint(f"leg{leg}_elbow")
+        knee = spec.geom(f"leg{leg}_knee")
+        foot = spec.geom(f"leg{leg}_foot")
+
         # `fromto` of the upper wire is knee, torso; that of the lower wire is foot, knee.
         upper.fromto = upper.fromto + np.array([*knee_shift, *_NO_SHIFT])
         lower.fromto = lower.fromto + np.array([*foot_shift, *knee_shift])
         for part in (knee, elbow):
             part.pos = part.pos + knee_shift
+
         foot.pos = foot.pos + foot_shift
         shoulder.axis = elbow.axis = hinge_axis(leg, knee.pos)
 

@@ -196,8 +196,12 @@ def choose_engine(algo: str, wanted: EngineName | None = None) -> EngineName:
         return wanted or "batched"
 
     kind = find_class(algo)
-    is_rule = issubclass(kind, Rule)
-    engine: EngineName = "plugin" if issubclass(kind, Agent) else "batched" if is_rule else "sb3"
+    engine: EngineName = "sb3"
+    if issubclass(kind, Agent):
+        engine = "plugin"
+    elif issubclass(kind, Rule):
+        engine = "batched"
+
     if wanted not in (None, engine):
         raise RequestError(f"{algo} has the engine {engine}, not {wanted}; leave the engine out.")
 
@@ -268,7 +272,9 @@ def algorithm_provenance(algo: str) -> dict[str, Any]:
 
 def _offered() -> list[EntryPoint]:
     """Returns the entry points of installed algorithms, by name."""
-    points = [p for group in _GROUPS for p in plugins.offered(group, _NAME, SETTINGS).values()]
+    points: list[EntryPoint] = []
+    for group in _GROUPS:
+        points += plugins.offered(group, _NAME, SETTINGS).values()
     return sorted(points, key=lambda point: point.name)
 
 

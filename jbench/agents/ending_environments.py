@@ -35,6 +35,7 @@ class EndingEnvironments(Environments):
         return StepResult(np.zeros(self._shape), observations, ends)
 
     def _end_episodes(self) -> Ends | None:
+        """See `Environments._end_episodes`."""
         worlds = self._worlds
         is_over = worlds.terminated | worlds.truncated | (worlds.elapsed >= self.episode_steps)
         if not is_over.any():

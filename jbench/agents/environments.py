@@ -55,7 +55,11 @@ class SeedState(NamedTuple):
 
 def under(prefix: str, tensors: dict[str, Tensor]) -> dict[str, Tensor]:
     """Returns the tensors whose names start with a prefix, with the prefix removed."""
-    return {name.removeprefix(prefix): t for name, t in tensors.items() if name.startswith(prefix)}
+    return {
+        name.removeprefix(prefix): tensor
+        for name, tensor in tensors.items()
+        if name.startswith(prefix)
+    }
 
 
 class Ends(NamedTuple):
@@ -122,7 +126,8 @@ class Environments:
         self._all = np.ones(self._shape, bool)
         self._worlds = self._new_worlds()
         self.failures: dict[int, EpisodeError] = {}
-        self.episodes = self.steps = 0
+        self.episodes = 0
+        self.steps = 0
         self._begin_episodes()
 
     def close(self) -> None:
@@ -136,7 +141,8 @@ class Environments:
         self._note_failures()
         rewards = rewards.reshape(self._shape)
         self._returns += rewards
-        self.observations = inputs = self._inputs(observations)
+        inputs = self._inputs(observations)
+        self.observations = inputs
         return StepResult(rewards, inputs, self._end_episodes())
 
     def encode(self, observations: Tensor) -> Tensor:
@@ -168,10 +174,11 @@ class Environments:
 
     def state(self, seed: int) -> SeedState:
         """Returns the state of one seed's robots and generators; see `Worlds.state`."""
-        world = {**self._worlds.state(self._robots(seed)), "returns": self._returns[seed].copy()}
+        arrays = {**self._worlds.state(self._robots(seed)), "returns": self._returns[seed].copy()}
         streams = [dict(generator.bit_generator.state) for generator in self.generators[seed].all()]
         scalars = {"episodes": self.episodes, "episode_steps": self.steps, "streams": streams}
-        return SeedState({_WORLD + n: torch.from_numpy(v) for n, v in world.items()}, scalars)
+        tensors = {f"{_WORLD}{name}": torch.from_numpy(array) for name, array in arrays.items()}
+        return SeedState(tensors, scalars)
 
     def restore(self, seed: int, state: SeedState) -> None:
         """Restores one seed exactly; numbers of episodes and their steps are those of all seeds."""

@@ -156,7 +156,8 @@ def pack(value: Any, tensors: dict[str, Tensor], where: str = "state()") -> Any:
 
     if isinstance(value, Mapping):
         pairs = [
-            [pack(k, tensors, where), pack(v, tensors, f"{where}[{k!r}]")] for k, v in value.items()
+            [pack(key, tensors, where), pack(item, tensors, f"{where}[{key!r}]")]
+            for key, item in value.items()
         ]
         return {"dict": pairs}
 
@@ -187,9 +188,10 @@ def unpack(node: Any, tensors: Mapping[str, Tensor]) -> Any:
     if kind == "float":
         return float(content)
     if kind == "dict":
-        return {unpack(k, tensors): unpack(v, tensors) for k, v in content}
+        return {unpack(key, tensors): unpack(item, tensors) for key, item in content}
     if kind in ("list", "tuple"):
-        return (list if kind == "list" else tuple)(unpack(item, tensors) for item in content)
+        items = [unpack(item, tensors) for item in content]
+        return items if kind == "list" else tuple(items)
 
     tensor = tensors[content].clone()
     if kind == "tensor":

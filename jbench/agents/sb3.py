@@ -100,15 +100,15 @@ def build(algo: str, settings: Algorithm, env: VecEnv, seed: int) -> BaseAlgorit
         chosen = settings.hyperparameters
 
     arguments: dict[str, Any] = {
-        n: tuple(v) if isinstance(v, list) else v for n, v in chosen.items()
+        name: tuple(value) if isinstance(value, list) else value for name, value in chosen.items()
     }
     if isinstance(sigma := arguments.get("action_noise"), int | float):
         arguments["action_noise"] = noise.NormalActionNoise(np.zeros(shape), np.full(shape, sigma))
 
     if isinstance(arguments.get("policy_kwargs"), Mapping):
         arguments["policy_kwargs"] = {
-            n: getattr(nn, v) if n.endswith("_fn") and isinstance(v, str) else v
-            for n, v in arguments["policy_kwargs"].items()
+            name: getattr(nn, value) if name.endswith("_fn") and isinstance(value, str) else value
+            for name, value in arguments["policy_kwargs"].items()
         }
 
     agent: BaseAlgorithm = kind("MlpPolicy", env, seed=seed, device="cpu", **arguments)
@@ -127,7 +127,8 @@ def _ours(algo: str, settings: AlgorithmSettings, shape: Any) -> tuple[Any, dict
     taken = inspect.signature(kind).parameters.keys()
     arguments = settings.model_dump(include=set(taken))
     if isinstance(settings, OffPolicySettings):
-        mean, sigma = np.full(shape, settings.noise_mean), np.full(shape, settings.noise_sigma)
+        mean = np.full(shape, settings.noise_mean)
+        sigma = np.full(shape, settings.noise_sigma)
         arguments["action_noise"] = None
         if settings.action_noise == "normal":
             arguments["action_noise"] = noise.NormalActionNoise(mean, sigma)

@@ -49,16 +49,21 @@ class AutogradLearner(OffPolicyLearner[OffPolicySettings]):
         self._gradients: dict[str, list[Tensor]] = {}
         self._adams: dict[str, Adam] = {}
         for attribute, names in parameter_names(rule).items():
-            shapes = [rule.get_parameter(n).shape for n in names]
+            shapes = [rule.get_parameter(name).shape for name in names]
             saved = f"rule.{attribute}"
-            flat = self._flat[attribute] = view.state(saved, flat_size(shapes))
+            flat = view.state(saved, flat_size(shapes))
+            self._flat[attribute] = flat
             self._views[attribute] = dict(zip(names, flat_parts(flat, shapes), strict=True))
             if attribute in rule.losses.values():
                 gradient = view.scratch(f"{saved}.gradient", flat.shape[-1])
                 self._gradients[attribute] = flat_parts(gradient, shapes)
                 self._adams[attribute] = Adam(view, saved, flat, gradient, settings.learning_rate)
+
         self._phases = phases(rule)
-        self._parameters = {n: v for views in self._views.values() for n, v in views.items()}
+        self._parameters: dict[str, Tensor] = {}
+        for views in self._views.values():
+            self._parameters.update(views)
+
         self.rule = copy.deepcopy(rule).to(view.device, self._loss_sums.dtype)
         self.rule.requires_grad_(False)
         if not view.is_stack:
@@ -141,6 +146,7 @@ class AutogradLearner(OffPolicyLearner[OffPolicySettings]):
             return value.detach(), list(gradients)
 
         def seed_loss(trained: dict[str, Tensor], others: dict[str, Tensor], *numbers: Any) -> Any:
+            """Returns the loss of one seed as a function of the parameters that it trains."""
             rows, next_rows, discounts, noise = numbers
             seed_batch = Batch(rows, next_rows, discounts, noise, rule.action_size)
             return functional_call(rule, {**others, **trained}, (loss, seed_batch))
@@ -155,6 +161,7 @@ class AutogradLearner(OffPolicyLearner[OffPolicySettings]):
 
     @torch.no_grad()
     def _call(self, method: str, *inputs: Tensor) -> Tensor:
+        """Returns what a method of the rule returns, for one seed or mapped over the seeds."""
         if not self.view.is_stack:
             return self.rule.forward(method, *inputs)
         call_seed = vmap(lambda weights, *x: functional_call(self.rule, weights, (method, *x)))

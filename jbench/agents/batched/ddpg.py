@@ -15,6 +15,7 @@ class DDPGLearner(OffPolicyLearner[DDPGSettings]):
     noise_per_transition = 0
 
     def _make_networks(self) -> None:
+        """See `Learner._make_networks`."""
         # Only the actor's activations must outlive a forward pass of another network.
         self.actor = self._network("actor", self.policy_layout, workspace="actor")
         (self.critic,) = self._critics(["critic"], ["critic"])

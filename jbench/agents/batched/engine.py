@@ -173,8 +173,10 @@ class BatchedEngine(Engine, Generic[_Learner]):
         self._truncate_unlike()
 
     def _draw_normal(self, shape: tuple[int, ...]) -> Tensor:
-        generators = self.environments.generators
-        return torch.from_numpy(np.stack([g.actions.standard_normal(shape) for g in generators]))
+        """Returns standard normal numbers (seeds, *shape), of each seed's own generator."""
+        generators = [seed.actions for seed in self.environments.generators]
+        drawn = [generator.standard_normal(shape) for generator in generators]
+        return torch.from_numpy(np.stack(drawn))
 
     def _standardized(self, observations: Tensor) -> Tensor:
         """Returns what the networks see of observations (seeds, N, size)."""
@@ -194,26 +196,32 @@ class BatchedEngine(Engine, Generic[_Learner]):
 
         call = _Call(output, tuple(x.shape for x in inputs))
         if call not in self._inputs:
-            dtype, device = self.tensors.dtype, self.tensors.device
-            self._inputs[call] = [torch.empty_like(x, dtype=dtype, device=device) for x in inputs]
+            self._inputs[call] = [
+                torch.empty_like(x, dtype=self.tensors.dtype, device=self.tensors.device)
+                for x in inputs
+            ]
         for buffer, x in zip(self._inputs[call], inputs, strict=True):
             buffer.copy_(x)
         self._captured(self._run_stack, call)
         return self._outputs[call].cpu()
 
     def _run_stack(self, call: _Call) -> None:
+        """Computes an output of the stack from its buffers of inputs."""
         self._outputs[call] = call.output(self._stack, *self._inputs[call])
 
     def _act(self, inputs: Tensor) -> NDArray[np.floating]:
+        """See `Engine._act`."""
         actions: NDArray[np.float32] = self._run(act, inputs).float().numpy()
         return actions
 
     def _explore_actions(self, observations: Tensor) -> NDArray[np.floating]:
+        """See `Engine._explore_actions`; the observations are counted for the statistics."""
         if self._statistics is not None:
             self._statistics.add(observations)
         return self._explore(observations)
 
     def _after_rollout(self) -> None:
+        """Makes the updates, and notes which seeds have diverged."""
         if self._statistics is not None:
             self._statistics.send()
         self._update()
@@ -223,12 +231,14 @@ class BatchedEngine(Engine, Generic[_Learner]):
             self._record_divergence(seed, divergent_loss(self.losses(seed)) or "losses")
 
     def _not_finite(self, name: str) -> list[int]:
+        """Returns the seeds of which a saved tensor has a number that is not finite."""
         values = self._saved[name]
         finite = values.isfinite().view(len(values), -1).all(dim=1)
         # Only one small copy from a GPU.
         return [seed for seed, is_finite in enumerate(finite.tolist()) if not is_finite]
 
     def _still_learning(self, group: Group[_Learner]) -> bool:
+        """Returns whether a seed of a group has not diverged."""
         return not all(seed in self.diverged for seed in group.seeds)
 
     @abstractmethod

@@ -114,9 +114,9 @@ class Features:
         self.layers = affine_views(self.values, shapes)
         pairs = zip(self.layers, affine_views(self.gradient, shapes), strict=True)
         *layers, self._head = [Layer(*pair) for pair in pairs]
-        first, second = layers[: len(shapes) // 2], layers[len(shapes) // 2 :]
-        self._phi_o = DenseLayers(view, "phi_o", observation_size, first)
-        self._phi_oa = DenseLayers(view, "phi_oa", pair_size, second)
+        depth = len(settings.widths)
+        self._phi_o = DenseLayers(view, "phi_o", observation_size, layers[:depth])
+        self._phi_oa = DenseLayers(view, "phi_oa", pair_size, layers[depth:])
         self._adam = Adam(view, "features", self.values, self.gradient, settings.learning_rate)
         self._mean = view.state("features.mean", observation_size)
         self._variance = view.state("features.variance", observation_size)
@@ -185,7 +185,8 @@ class Features:
 
     def saved_layers(self, linear: Sequence[Linear]) -> list[SavedLayer]:
         """Returns phi_o of a single seed for a saved policy, from its linear layers."""
-        mean, deviation = (t.float().cpu().numpy().copy() for t in (self._mean, self._deviation()))
+        mean = self._mean.float().cpu().numpy().copy()
+        deviation = self._deviation().float().cpu().numpy().copy()
         return feature_layers(mean, deviation, linear, self._appended)
 
     def load_standardization(self, layers: Sequence[SavedLayer]) -> None:
@@ -204,6 +205,7 @@ class Features:
             self._variance.copy_(torch.where(missed, nearest + step * unit, self._variance))
 
     def _forward(self, observations: Tensor) -> Tensor:
+        """Returns the standardized observations and the units of phi_o."""
         rows = self._phi_o.rows(observations.shape[-2])
         rows[..., : self._observation_size].copy_(self._standardized(observations))
         self._phi_o.forward(rows)
@@ -220,10 +222,12 @@ class Features:
         return rows
 
     def _standardized(self, observations: Tensor) -> Tensor:
+        """Returns standardized observations, clipped to [-`MAX_INPUT`, `MAX_INPUT`]."""
         centered = observations - self._mean.unsqueeze(-2)
         return centered.div_(self._deviation().unsqueeze(-2)).clamp_(-MAX_INPUT, MAX_INPUT)
 
     def _deviation(self) -> Tensor:
+        """Returns the standard deviation of the observations, which is never 0."""
         return (self._variance + MIN_DEVIATION**2).sqrt_()
 
     def _standardize_by(self, observations: Tensor) -> None:
@@ -239,4 +243,5 @@ class Features:
 
 
 def _shapes(inputs: int, widths: list[int]) -> list[tuple[int, int]]:
+    """Returns inputs and units of densely connected layers with these numbers of units."""
     return [(inputs + sum(widths[:i]), width) for i, width in enumerate(widths)]

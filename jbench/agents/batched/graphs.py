@@ -44,6 +44,7 @@ class Captured:
             self._graphs[argument].replay()
 
     def _record(self, function: Function, argument: Hashable) -> torch.cuda.CUDAGraph:
+        """Returns a recording of the function with an argument."""
         graph = torch.cuda.CUDAGraph()
         pool = next((other.pool() for other in self._graphs.values()), None)
         # Entering `graph` synchronizes the current device, which may be another one.

@@ -101,6 +101,7 @@ class BFloat16Layer(Layer):
         out.copy_(self._product(low_delta, low_weight.mT, out=by_inputs)[..., :rows, :])
 
     def _low(self, name: str, *shape: int) -> Tensor:
+        """Returns a buffer (..., *shape) in bfloat16."""
         return self._view.scratch(f"{self._workspace} {name}", *shape, dtype=torch.bfloat16)
 
 
@@ -108,4 +109,8 @@ _ROWS = 32  # bfloat16 products of variable size are padded to a multiple of thi
 
 
 def _weights_and_biases(shapes: Iterable[tuple[int, int]]) -> list[tuple[int, ...]]:
-    return [shape for inputs, units in shapes for shape in ((inputs, units), (units,))]
+    """Returns the shapes of weight and bias of each layer, given its inputs and units."""
+    parts: list[tuple[int, ...]] = []
+    for inputs, units in shapes:
+        parts += [(inputs, units), (units,)]
+    return parts

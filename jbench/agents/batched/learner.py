@@ -73,8 +73,9 @@ class Learner(Generic[_Settings]):
             for weight, bias in self.policy_layers()
         ]
         count = len(self.actor.layers)
-        features, actor = linear[:-count], linear[-count:]
-        return SavedNetwork([*self.feature_layers(features), *relu_layers(actor, self.squash)])
+        features = self.feature_layers(linear[:-count])
+        actor = relu_layers(linear[-count:], self.squash)
+        return SavedNetwork([*features, *actor])
 
     def load_policy(self, policy: SavedNetwork) -> None:
         """Sets the policy of one seed, bit for bit; its layers are those of `policy`."""
@@ -97,6 +98,7 @@ class Learner(Generic[_Settings]):
         self._loss_sums.zero_()
 
     def _record_loss(self, loss: str, values: Tensor) -> None:
+        """Adds the mean of values (..., batch, 1) to the losses of a name."""
         torch.mean(values, dim=(-2, -1), out=self._mean)
         self._sums_by_name[loss].add_(self._mean_and_one)
 

@@ -93,6 +93,7 @@ def _learner(
     observation_size: int,
     action_size: int,
 ) -> Callable[..., Learner[Any]]:
+    """Returns what makes a learner of an algorithm, or of a rule that has been checked."""
     if not isinstance(algo, str):
         assert isinstance(settings, OffPolicySettings)
         rule = checked_rule(algo, settings, observation_size, action_size)
@@ -106,6 +107,7 @@ def on_features(algo: str, ofe: OFESettings) -> Callable[..., OnFeatures]:
 
 
 def _set_precision(device: torch.device, precision: Precision) -> None:
+    """Sets the precision of matrix products; a RequestError if the device does not have it."""
     check_precision(precision, device.type)
     if device.type == "cuda":
         products = torch.backends.cuda.matmul
@@ -121,25 +123,32 @@ def checked_rule(
 
     A rule must be computable in a stack on a CPU too: its runs may be resumed on a GPU.
     """
-    sizes = observation_size, action_size
     with torch.random.fork_rng(devices=[]):
-        rule, again = (make_rule(kind, settings, *sizes) for _ in range(2))
-        fault, cause = next(_faults(rule, again, action_size), None), None
-        if fault is None:
-            try:
-                _update(rule, seeds=1)
-                _update(rule, seeds=2)
-            except Exception as error:
-                text = str(error) or type(error).__name__
-                reason = text.removeprefix("vmap: ").partition("\n")[0].partition(". ")[0]
-                fault, cause = f"an update of one or two seeds fails ({reason.rstrip('.')})", error
-    if fault is not None:
-        raise WorkError(
-            f"The rule {kind.__name__} can't be trained: {fault}; docs/your-own-rule.md says what "
-            "a rule may do."
-        ) from cause
-    copy_module(mean_actor(rule), *sizes)
+        rule = make_rule(kind, settings, observation_size, action_size)
+        again = make_rule(kind, settings, observation_size, action_size)
+        fault = next(_faults(rule, again, action_size), None)
+        if fault is not None:
+            raise _unusable(kind, fault)
+
+        try:
+            _update(rule, seeds=1)
+            _update(rule, seeds=2)
+        except Exception as error:
+            text = str(error) or type(error).__name__
+            reason = text.removeprefix("vmap: ").partition("\n")[0].partition(". ")[0]
+            fault = f"an update of one or two seeds fails ({reason.rstrip('.')})"
+            raise _unusable(kind, fault) from error
+
+    copy_module(mean_actor(rule), observation_size, action_size)
     return rule
+
+
+def _unusable(kind: type[Rule], fault: str) -> WorkError:
+    """Returns the error for a rule with a fault, which is a clause."""
+    return WorkError(
+        f"The rule {kind.__name__} can't be trained: {fault}; docs/your-own-rule.md says what "
+        "a rule may do."
+    )
 
 
 def _faults(rule: Rule, again: Rule, action_size: int) -> Iterator[str]:

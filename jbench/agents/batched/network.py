@@ -151,6 +151,7 @@ class Network:
         return self._layers[self._joins].propagate_to(delta, self._columns)
 
     def _propagate(self, i: int, delta: Tensor, rows: Tensor | None = None) -> Tensor:
+        """Returns the gradient by the inputs of layer i, given that by its outputs."""
         units = self._used.units[i - 1]
         before = self._used.gradients[i - 1]
         if rows is not None:
@@ -165,6 +166,7 @@ class Network:
         return before
 
     def _buffers_for(self, batch: int) -> Buffers:
+        """Returns the buffers of a batch of this size, which are made once."""
         if batch not in self._buffers:
             units = self._scratch(self._workspace, batch)
             transposed = [unit.mT for unit in units]

@@ -67,7 +67,8 @@ class RunningStatistics:
         self._start_count = settings.normalize_start_count
         self.count = np.full(seeds, self._start_count)
         self._min_variance = settings.normalize_min_sd**2
-        self._epsilon, self._clip = settings.normalize_epsilon, settings.normalize_clip
+        self._epsilon = settings.normalize_epsilon
+        self._clip = settings.normalize_clip
         self._shown_mean = torch.zeros(seeds, 1, size, dtype=dtype)
         self._shown_deviation = torch.ones(seeds, 1, size, dtype=dtype)
         # On a CPU, these are the same tensors.

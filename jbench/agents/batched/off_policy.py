@@ -25,6 +25,7 @@ class OffPolicyEngine(BatchedEngine[OffPolicyLearner[Any]]):
     _settings: OffPolicySettings
 
     def _make_buffers(self) -> None:
+        """Makes the replay buffers, and the updates of each group."""
         settings = self._settings
         environments = self.environments
         tensors = self.tensors
@@ -87,6 +88,7 @@ class OffPolicyEngine(BatchedEngine[OffPolicyLearner[Any]]):
                 self.replay.flush()
 
     def _explore(self, observations: Tensor) -> NDArray[np.floating]:
+        """See `BatchedEngine._explore`."""
         settings = self._settings
         shape = self._noise.previous.shape[1:]
         generators = self.environments.generators
@@ -100,6 +102,7 @@ class OffPolicyEngine(BatchedEngine[OffPolicyLearner[Any]]):
         return np.clip(noisy_actions, -1, 1).astype(np.float32)
 
     def _store(self, observations: Tensor, actions: NDArray[np.floating], step: StepResult) -> None:
+        """Adds the transitions to the replay buffers."""
         self.replay.add(actions, step.rewards, step.observations)
         if step.ends is not None:
             nothing_follows = step.ends.terminated
@@ -109,15 +112,18 @@ class OffPolicyEngine(BatchedEngine[OffPolicyLearner[Any]]):
             self._begin_episodes(step.ends)
 
     def _begin_episodes(self, ends: Ends) -> None:
+        """Starts noise and rows of the episodes that follow others."""
         self._noise.reset(ends.ended)
         self.replay.begin(self.environments.observations)
 
     def _truncate(self, step: StepResult) -> None:
+        """See `Engine._truncate`."""
         # The value of the last observation stands for the missing rewards anyway.
         assert step.ends is not None
         self._begin_episodes(step.ends)
 
     def _update(self) -> None:
+        """See `BatchedEngine._update`."""
         self.replay.flush()
         if self.control_steps <= self._settings.learning_starts:
             return
@@ -131,9 +137,11 @@ class OffPolicyEngine(BatchedEngine[OffPolicyLearner[Any]]):
                 updates.run()
 
     def _loop_state(self, seed: int) -> dict[str, Tensor]:
+        """See `BatchedEngine._loop_state`."""
         return {"noise": torch.from_numpy(self._noise.previous[seed])}
 
     def _restore_loop(self, seed: int, tensors: dict[str, Tensor]) -> None:
+        """See `BatchedEngine._restore_loop`."""
         previous = self._noise.previous[seed]
         # Older versions saved the noise of an only action as (environments,).
         previous[:] = tensors["noise"].numpy().reshape(previous.shape)

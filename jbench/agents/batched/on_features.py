@@ -79,12 +79,15 @@ class OnFeatures(OffPolicyLearner[OffPolicySettings]):
         super().update(self._on_features(batch), delayed)
 
     def _encode(self, observations: Tensor) -> Tensor:
+        """Returns z_o of observations, in a buffer."""
         out = self.view.scratch("features", observations.shape[-2], self.features.size)
         return self.features.observation_features(observations, out)
 
     def _on_features(self, batch: Batch) -> Batch:
+        """Returns a minibatch of z_o, in buffers of its own, with the other columns of another."""
         shape = batch.rows.shape[-2], self.features.size + self.action_size + 1
-        rows, next_rows = (self.view.scratch(f"{n} on features", *shape) for n in ("s", "s'"))
+        rows = self.view.scratch("s on features", *shape)
+        next_rows = self.view.scratch("s' on features", *shape)
         encoded = Batch(rows, next_rows, batch.discounts, batch.noise, self.action_size)
         actions_and_reward = slice(-self.action_size - 1, None)
         encoded.rows[..., actions_and_reward].copy_(batch.rows[..., actions_and_reward])
@@ -100,6 +103,7 @@ class OnFeatures(OffPolicyLearner[OffPolicySettings]):
         return Layout((inputs, *self.policy_layout.sizes[1:-1], 1), after_state)
 
     def _critics(self, names: Sequence[str], workspaces: Sequence[str]) -> list[Network]:
+        """Returns critics of z_oa, which the first one computes for all."""
         critics: list[Network] = []
         for name, workspace in zip(names, workspaces, strict=True):
             make = partial(FeatureCritic, self.features, critics[0] if critics else None)

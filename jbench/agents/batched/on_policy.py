@@ -20,6 +20,7 @@ class OnPolicyEngine(BatchedEngine[PPOLearner]):
     replay = None
 
     def _make_buffers(self) -> None:
+        """Makes the rollout, and the updates of each group."""
         settings = self._settings
         environments = self.environments
         seeds, count = environments.observations.shape[:2]
@@ -32,12 +33,14 @@ class OnPolicyEngine(BatchedEngine[PPOLearner]):
         self._explored: Tensor  # of the last call of `PPOLearner.explore`
 
     def _explore(self, observations: Tensor) -> NDArray[np.floating]:
+        """See `BatchedEngine._explore`."""
         shape = observations.shape[1], self.environments.action_size
         self._explored = self._run(PPOLearner.explore, observations, self._draw_normal(shape))
         actions: NDArray[np.floating] = self._explored[..., : shape[1]].numpy()
         return actions
 
     def _store(self, observations: Tensor, actions: NDArray[np.floating], step: StepResult) -> None:
+        """Writes the transitions of a control step into the rollout."""
         rollout = self._rollout
         newest = self._collected - 1
         rewards = torch.from_numpy(step.rewards).to(rollout.rows.dtype)
@@ -61,12 +64,14 @@ class OnPolicyEngine(BatchedEngine[PPOLearner]):
         return torch.where(truncated, self._settings.gamma * values, 0.0)
 
     def _truncate(self, step: StepResult) -> None:
+        """See `Engine._truncate`."""
         assert step.ends is not None
         newest = self._collected - 1
         self._rollout.rewards[:, :, newest, 0] += self._missing_rewards(step)
         self._ends[:, :, newest] |= step.ends.ended
 
     def _update(self) -> None:
+        """See `BatchedEngine._update`."""
         settings = self._settings
         last_values = self._run(PPOLearner.value, self.environments.observations)[..., 0]
         estimate(self._rollout, self._ends, last_values, settings)
@@ -76,10 +81,12 @@ class OnPolicyEngine(BatchedEngine[PPOLearner]):
         self.updates += settings.n_epochs
 
     def _loop_state(self, seed: int) -> dict[str, Tensor]:
+        """See `BatchedEngine._loop_state`."""
         ends = torch.from_numpy(self._ends[seed, :, : self._collected])
         return {"rollout": self._rollout.rows[seed, :, : self._collected], "ends": ends}
 
     def _restore_loop(self, seed: int, tensors: dict[str, Tensor]) -> None:
+        """See `BatchedEngine._restore_loop`."""
         rows = tensors["rollout"]
         self._rollout.rows[seed, :, : rows.shape[1]] = rows
         # Older versions saved whether all environments ended, (steps,).
@@ -141,7 +148,10 @@ class Epochs:
         epochs = range(self._settings.n_epochs)
         count = self._transitions
         generators = [seed.updates for seed in self.group.generators]
-        draws = [np.stack([g.permutation(count) for _ in epochs]) for g in generators]
+        draws = []
+        for generator in generators:
+            draws.append(np.stack([generator.permutation(count) for _ in epochs]))
+
         for orders in self.group.stack(draws, count):
             for start in range(0, self._transitions, self._settings.batch_size):
                 indices = orders[..., start : start + self._settings.batch_size]
@@ -149,9 +159,11 @@ class Epochs:
                 self._update(self._update_once, indices.shape[-1])
 
     def _indices(self, size: int) -> Tensor:
+        """Returns the buffer of the indices of a minibatch."""
         return self._view.scratch("indices", size, dtype=torch.int64)
 
     def _update_once(self, size: int) -> None:
+        """Updates the agents on the transitions whose indices are in the buffer."""
         width = self._rows.shape[-1]
         batch = self._view.scratch("minibatch", size, width)
         indices = self._indices(size).view(-1)

@@ -6,7 +6,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 from torch import Tensor
 
-from jbench.agents.batched.replay import ReplayBuffer, Sizes
+from jbench.agents.batched.replay import ReplayBuffer, Sampled, Sizes
 
 
 class PairBuffer(ReplayBuffer):
@@ -71,20 +71,19 @@ class PairBuffer(ReplayBuffer):
         """Number of the oldest row that has not expired."""
         return max(0, self.row - self._ring)
 
-    def sample(
-        self, generator: Generator, updates: int, batch: int, seed: int = 0
-    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
-        """See `ReplayBuffer.sample`; the third are the transitions after which nothing follows."""
+    def sample(self, generator: Generator, updates: int, batch: int, seed: int = 0) -> Sampled:
+        """See `ReplayBuffer.sample`."""
         shape = updates, batch
         total = self._flushed // 2  # transitions of each environment at the last `flush`
         transitions = generator.integers(max(0, total - self._capacity), total, shape)
         places = transitions % self._capacity
         rows = 2 * places
         if self._environments == 1:
-            return rows, rows + 1, self._is_terminal[seed, 0, places]
+            return Sampled(rows, rows + 1, self._is_terminal[seed, 0, places])
+
         environments = generator.integers(self._environments, size=shape)
         rows = rows + environments * self._ring
-        return rows, rows + 1, self._is_terminal[seed, environments, places]
+        return Sampled(rows, rows + 1, self._is_terminal[seed, environments, places])
 
     def _write(self, seeds: slice, first: int, rows: Tensor) -> None:
         """Writes rows (seeds, environments, rows, width) from row number `first` on."""

@@ -53,6 +53,7 @@ class PPOLearner(Learner[PPOSettings]):
     squash = "clip"
 
     def _make_networks(self) -> None:
+        """Makes the networks and log sigma as parts of one vector."""
         settings = self.settings
         view = self.view
         action_size = self.action_size
@@ -74,21 +75,23 @@ class PPOLearner(Learner[PPOSettings]):
                 layouts, (actor, *critic), ("actor", "critic"), strict=False
             )
         ]
-        self.actor, self.critic = self._networks[0], self._networks[-1]
+        self.actor = self._networks[0]
+        self.critic = self._networks[-1]
         self._optimizer = Adam(
             view, "policy", self._values, self._gradient, settings.learning_rate, _ADAM_EPSILON
         )
 
     def initialize(self, generator: Generator) -> None:
         """Draws the initial parameters of one seed: orthogonal matrices, log sigma 0."""
-        gains = iter((0.01, 1.0))
         for network in self._networks:
             *hidden, last = (layer.weight for layer in network.layers)
             for weight in hidden:
                 _initialize_orthogonal(weight, math.sqrt(2), generator)
-            heads = [self.action_size] * (network is self.actor) + [1] * (network is self.critic)
-            for output in last.split(heads, dim=-1):
-                _initialize_orthogonal(output, next(gains), generator)
+
+            if network is self.actor:
+                _initialize_orthogonal(last[..., : self.action_size], 0.01, generator)
+            if network is self.critic:
+                _initialize_orthogonal(last[..., -1:], 1.0, generator)
 
     def explore(self, observations: Tensor, noise: Tensor) -> Tensor:
         """Returns (..., N, action_size + 2) sampled actions, their log likelihoods, and V(s)."""
@@ -129,7 +132,8 @@ class PPOLearner(Learner[PPOSettings]):
         log_likelihoods = sum_over_actions(-0.5 * (squares + _LOG_2_PI) - log_sigma)
         ratios = torch.exp(log_likelihoods - batch.log_likelihoods)
         clipped = ratios.clamp(1 - settings.clip_range, 1 + settings.clip_range)
-        surrogates, bounded = advantages * ratios, advantages * clipped
+        surrogates = advantages * ratios
+        bounded = advantages * clipped
         by_log_likelihood = torch.where(surrogates <= bounded, surrogates, 0) / -size
         by_mean = by_log_likelihood * deviations * precision
         by_log_sigma = (by_log_likelihood * (squares - 1)).sum(dim=-2) - settings.ent_coef

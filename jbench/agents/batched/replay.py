@@ -1,6 +1,7 @@
 """Replay buffers of several seeds, which store every observation once, and their minibatches."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -34,7 +35,8 @@ class Batch:
         action_size: int = 1,
     ) -> None:
         size = rows.shape[-1] - action_size - 1
-        self.rows, self.next_rows = rows, next_rows
+        self.rows = rows
+        self.next_rows = next_rows
         self.discounts = discounts
         self.noise = noise
         self.state_actions = rows[..., :-1]
@@ -42,7 +44,8 @@ class Batch:
         self.observations = rows[..., :size]
         self.actions = rows[..., size:-1]
         self.next_state_actions = next_rows[..., :-1]
-        self.next_observations, self.next_actions = next_rows[..., :size], next_rows[..., size:-1]
+        self.next_observations = next_rows[..., :size]
+        self.next_actions = next_rows[..., size:-1]
         self.mean_weight = torch.full_like(discounts, 1 / rows.shape[-2])
 
 
@@ -55,6 +58,21 @@ class Sizes:
     transitions: int
     observation: int
     action: int
+
+
+class Sampled(NamedTuple):
+    """Sampled transitions of one seed; the arrays are (updates, batch).
+
+    Attributes:
+        rows: indices in the seed's buffer of the rows with s, a and r.
+        next_rows: indices of the rows with s'.
+        is_last: whether a transition is the last one of its episode; of a `PairBuffer`, only if
+            nothing follows it.
+    """
+
+    rows: NDArray[np.int64]
+    next_rows: NDArray[np.int64]
+    is_last: NDArray[np.bool_]
 
 
 class ReplayBuffer:
@@ -152,27 +170,24 @@ class ReplayBuffer:
         """Number of the oldest row that has not expired."""
         return max(0, self.row - self._ring + 1)
 
-    def sample(
-        self, generator: Generator, updates: int, batch: int, seed: int = 0
-    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
-        """Samples rows and next rows of one seed's transitions uniformly, as indices in its buffer.
-
-        Both are (updates, batch), like whether it is the last transition of its episode.
-        """
+    def sample(self, generator: Generator, updates: int, batch: int, seed: int = 0) -> Sampled:
+        """Samples transitions of one seed uniformly."""
         shape = updates, batch
         # Transitions of each environment at the last `flush`.
         total = self._flushed - self._flushed // (self._episode_steps + 1)
         transitions = generator.integers(max(0, total - self._capacity), total, shape)
         episodes = transitions // self._episode_steps
-        last = transitions - episodes * self._episode_steps == self._episode_steps - 1
+        is_last = transitions - episodes * self._episode_steps == self._episode_steps - 1
         rows = transitions + episodes
         next_rows = rows + 1
         if self._flushed >= self._ring:
-            rows, next_rows = rows % self._ring, next_rows % self._ring
+            rows = rows % self._ring
+            next_rows = next_rows % self._ring
         if self._environments > 1:
             offsets = generator.integers(self._environments, size=shape) * self._ring
-            rows, next_rows = rows + offsets, next_rows + offsets
-        return rows, next_rows, last
+            rows = rows + offsets
+            next_rows = next_rows + offsets
+        return Sampled(rows, next_rows, is_last)
 
     def seed_rows(self, seeds: range) -> Tensor:
         """Returns a view (rows, width) of the buffers of consecutive seeds; see `sample`."""
@@ -202,10 +217,12 @@ class ReplayBuffer:
         """Restores the rows (environments, rows, width) before number `row`; then call `begin`."""
         rows = rows[:, -self._ring :]
         self._write(slice(seed, seed + 1), row - rows.shape[1], rows[None])
-        self.row = self._flushed = row
+        self.row = row
+        self._flushed = row
 
     @property
     def _current_row(self) -> Tensor:
+        """The rows (seeds, environments, width) of the current observations."""
         return self._new[:, :, self.row - self._flushed]
 
     def _write(self, seeds: slice, first: int, rows: Tensor) -> None:

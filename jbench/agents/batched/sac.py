@@ -12,7 +12,8 @@ from jbench.agents.batched.tensors import Adam
 from jbench.settings.algorithms import SACSettings
 
 # Bounds of log sigma(s), as in the authors' code.
-_MIN_LOG_SIGMA, _MAX_LOG_SIGMA = -20, 2
+_MIN_LOG_SIGMA = -20
+_MAX_LOG_SIGMA = 2
 # Keeps the logarithm of tanh's derivative finite at actions of 1 and -1, as in the authors' code.
 _EPSILON = 1e-6
 _HALF_LOG_2_PI = 0.5 * math.log(2 * math.pi)
@@ -25,6 +26,7 @@ class SACLearner(OffPolicyLearner[SACSettings]):
     is_stochastic = True
 
     def _make_networks(self) -> None:
+        """Makes the networks, and the temperature with its optimizer."""
         settings = self.settings
         view = self.view
         action_size = self.action_size

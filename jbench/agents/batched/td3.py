@@ -15,6 +15,7 @@ class TD3Learner(OffPolicyLearner[TD3Settings]):
     losses = ("actor_loss", "critic_loss")
 
     def _make_networks(self) -> None:
+        """See `Learner._make_networks`."""
         self.noise_per_transition = self.action_size
         # Only the actor's activations must outlive a forward pass of another network.
         self.actor = self._network("actor", self.policy_layout, workspace="actor")

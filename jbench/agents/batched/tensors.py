@@ -28,7 +28,8 @@ def flat_size(shapes: Iterable[Sequence[int]]) -> int:
 
 def flat_parts(flat: Tensor, shapes: Iterable[Sequence[int]]) -> list[Tensor]:
     """Returns views (..., *shape) of the parts of a flat tensor (..., flat_size(shapes))."""
-    start, parts = 0, []
+    start = 0
+    parts = []
     for shape in shapes:
         count = math.prod(shape)
         parts.append(flat[..., start : start + count].view((*flat.shape[:-1], *shape)))
@@ -94,6 +95,7 @@ class Tensors:
         return self._scratch[key]
 
     def _zeros(self, shape: tuple[int, ...], dtype: torch.dtype | None) -> Tensor:
+        """Returns a new tensor on the device, by default of the agents' type."""
         return torch.zeros(shape, dtype=dtype or self.dtype, device=self.device)
 
 
@@ -113,7 +115,8 @@ class Adam:
         epsilon: float = 1e-8,
     ) -> None:
         count = values.shape[-1]
-        first, second = (view.state(f"{name}.{n}_moment", count) for n in ("first", "second"))
+        first = view.state(f"{name}.first_moment", count)
+        second = view.state(f"{name}.second_moment", count)
         self.steps = view.state(f"{name}.steps", dtype=torch.float32)
         # All seeds of a stack have made the same number of steps.
         steps = self.steps if self.steps.ndim == 0 else self.steps[0]
@@ -121,7 +124,12 @@ class Adam:
         # takes as long as the kernel.
         self._update = partial(
             torch._fused_adam_,
-            *([values], [gradient], [first], [second], [], [steps]),
+            [values],
+            [gradient],
+            [first],
+            [second],
+            [],
+            [steps],
             amsgrad=False,
             lr=learning_rate,
             beta1=0.9,

@@ -52,16 +52,16 @@ class Updates:
         view = group.learner.view
         size = settings.batch_size
         width = self._source.shape[-1]
-        self._indices, self._next_indices = (
-            view.scratch(name, size, dtype=torch.int64) for name in ("indices", "next_indices")
-        )
-        batch = self._batch = Batch(
+        self._indices = view.scratch("indices", size, dtype=torch.int64)
+        self._next_indices = view.scratch("next_indices", size, dtype=torch.int64)
+        batch = Batch(
             view.scratch("rows", size, width),
             view.scratch("next_rows", size, width),
             view.scratch("discounts", size, 1).fill_(self._gamma),
             view.scratch("noise", size, group.learner.noise_per_transition),
             group.learner.action_size,
         )
+        self._batch = batch
         gathered = (batch.rows, self._indices), (batch.next_rows, self._next_indices)
         self._gathered = [(rows.view(-1, width), indices.view(-1)) for rows, indices in gathered]
         self._mirrored = [rows[..., : size // 2, :] for rows in (batch.rows, batch.next_rows)]
@@ -123,19 +123,18 @@ class Updates:
         shape = (count, self._size)
         noise = self._batch.noise
         generators = [seed.updates for seed in self.group.generators]
-        pairs = zip(self.group.seeds, generators, strict=True)
-        rows, next_rows, last = zip(
-            *(self._replay.sample(generator, *shape, seed) for seed, generator in pairs),
-            strict=True,
-        )
+        sampled = [
+            self._replay.sample(generator, *shape, seed)
+            for seed, generator in zip(self.group.seeds, generators, strict=True)
+        ]
         stack = self.group.stack
-        seed_rows = len(self._source) // len(rows)
+        seed_rows = len(self._source) // len(sampled)
         samples = [
-            (self._indices, stack(rows, seed_rows)),
-            (self._next_indices, stack(next_rows, seed_rows)),
+            (self._indices, stack([each.rows for each in sampled], seed_rows)),
+            (self._next_indices, stack([each.next_rows for each in sampled], seed_rows)),
         ]
         if self._has_terminals:
-            discounts = [np.where(ends, 0, self._gamma)[..., None] for ends in last]
+            discounts = [np.where(each.is_last, 0, self._gamma)[..., None] for each in sampled]
             samples.append((self._batch.discounts, stack(discounts)))
         if noise.shape[-1]:
             size = (*shape, noise.shape[-1])

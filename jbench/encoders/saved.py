@@ -100,7 +100,9 @@ class SavedEncoder:
             kept = self._tensors
             about = (batch.device, batch.dtype)
             if about not in kept:
-                kept[about] = {n: torch.from_numpy(v).to(*about) for n, v in weights.items()}
+                kept[about] = {
+                    name: torch.from_numpy(array).to(*about) for name, array in weights.items()
+                }
             weights = kept[about]
         else:
             batch = batch.astype(np.float32, copy=False)

@@ -88,8 +88,10 @@ class Scaling(NamedTuple):
 
     def merged(self, other: "Scaling") -> "Scaling":
         """Returns the scaling of both datasets together."""
-        low, high = np.minimum(self.minimum, other.minimum), np.maximum(self.maximum, other.maximum)
-        return Scaling(low, high)
+        return Scaling(
+            minimum=np.minimum(self.minimum, other.minimum),
+            maximum=np.maximum(self.maximum, other.maximum),
+        )
 
     def only(self, columns: Sequence[int]) -> "Scaling":
         """Returns the scaling of some of the features."""
@@ -111,7 +113,8 @@ class Scaling(NamedTuple):
 
         The half width of a constant feature is 0.
         """
-        low, high = self.minimum.astype(np.float64), self.maximum.astype(np.float64)
+        low = self.minimum.astype(np.float64)
+        high = self.maximum.astype(np.float64)
         width = high - low
         varies = width > 1e-5 * np.maximum(np.abs(low), np.abs(high))
         return np.where(varies, width / 2, 0), low + width / 2

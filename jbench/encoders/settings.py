@@ -57,6 +57,7 @@ class EncoderSettings(Settings):
 
     @model_validator(mode="after")
     def _has_a_size_of_its_kind(self) -> "EncoderSettings":
+        """Refuses a number of latents that the kind does not have."""
         problem = wrong_size(self.kind, self.task, self.latents, self.options)
         if problem is not None:
             possible = latent_sizes(self.kind, self.task, self.options)
@@ -116,6 +117,7 @@ class EncoderSettings(Settings):
 
     @property
     def _scales(self) -> dict[str, str]:
+        """The values of `SCALES` that are given, by name."""
         return {name: self.options[name] for name in SCALES if name in self.options}
 
 

@@ -33,6 +33,7 @@ def on_observations(encoder: Encoder | None, act: Callable[[Array], Array]) -> C
         return act
 
     def act_on_observations(observations: Array) -> Array:
+        """Returns the actions of the latents, for the robot as it is."""
         actions = act(encoder.encode(observations))
         signs = action_signs(encoder, observations)
         return actions if signs is None else actions * signs

@@ -67,6 +67,7 @@ def acting(actor: Actor, action_size: int) -> Iterator[Act]:
     function = _function(actor)
 
     def act(observations: NDArray[np.float32]) -> NDArray[np.floating]:
+        """Returns the actor's actions, which it checks."""
         answer = function(observations)
         if isinstance(answer, Tensor):
             answer = answer.detach().to("cpu", torch.float32).numpy()

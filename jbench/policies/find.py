@@ -121,6 +121,7 @@ def _imported_policy(name: str, task: str) -> ActingPolicy:
     sizes = find_task(task)
 
     def attempt(function: Callable[[Any], Any], argument: object) -> Any:
+        """Returns what a function of the policy returns; its errors are a WorkError."""
         try:
             return function(argument)
         except (RequestError, WorkError):
@@ -137,6 +138,7 @@ def _imported_policy(name: str, task: str) -> ActingPolicy:
     actor = getattr(made, "act", made)
 
     def act(observations: NDArray[np.float32]) -> NDArray[np.floating]:
+        """Returns checked actions (robots, action_size), clipped to [-1, 1]."""
         with acting(actor, sizes.action_size) as checked:
             actions: NDArray[np.floating] = attempt(checked, observations)
         return actions.clip(-1, 1)

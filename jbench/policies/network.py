@@ -49,11 +49,11 @@ class SavedNetwork:
 
     def files(self) -> dict[str, bytes]:
         """Returns the arrays as safetensors, by names such as 0.weight, and the rest as JSON."""
-        tensors = {
-            f"{i}.{name}": np.ascontiguousarray(array)
-            for i, layer in enumerate(self.layers)
-            for name, array in layer.arrays.items()
-        }
+        tensors = {}
+        for i, layer in enumerate(self.layers):
+            for name, array in layer.arrays.items():
+                tensors[f"{i}.{name}"] = np.ascontiguousarray(array)
+
         described = {"network": [{"layer": layer.kind, **layer.numbers} for layer in self.layers]}
         weights = safetensors.numpy.save(tensors)
         description = json.dumps(described, indent=1)

@@ -107,6 +107,7 @@ def _model(agent: TrainedAgent, run: str, in_si_units: bool) -> onnx.ModelProto:
 
     class Actor(nn.Module):
         def forward(self, inputs: Tensor) -> Tensor:
+            """Returns the actions of inputs (robots, size)."""
             observations = task.observed(inputs) if in_si_units else inputs
             actions: Tensor = agent.act(observations)
             return actions

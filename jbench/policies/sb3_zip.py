@@ -76,7 +76,7 @@ def read_sb3_zip(path: str, task: str) -> SavedNetwork:
             data: dict[str, Any] = json.loads(file.read("data"))
             weights = _weights(file.read("policy.pth"))
         network = SavedNetwork(_layers(data, weights))
-        inputs, outputs = sizes = network.sizes
+        sizes = network.sizes
     except UnsupportedPolicyError as error:
         raise RequestError(
             f"{path}: {error.why}; load the model in a module of yours and type MODULE:NAME."
@@ -84,6 +84,7 @@ def read_sb3_zip(path: str, task: str) -> SavedNetwork:
     except (zipfile.BadZipFile, LookupError, ValueError, AttributeError, TypeError) as error:
         raise RequestError(f"{path} is no saved model of stable-baselines3 ({error}).") from None
 
+    inputs, outputs = sizes
     wanted = find_task(task)
     if sizes == (wanted.observation_size, wanted.action_size):
         return network
@@ -100,11 +101,10 @@ def _layers(data: dict[str, Any], weights: dict[str, Float]) -> list[SavedLayer]
     """Returns the layers of an actor from a file of sb3's weights."""
     if data.get("use_sde"):
         raise UnsupportedPolicyError("it explores with gSDE")
-    if any(part in name for name in weights for part in ("features_extractor.", "shared_net.")):
+    if any("features_extractor." in name or "shared_net." in name for name in weights):
         raise UnsupportedPolicyError("it has a features extractor of its own")
 
-    has = (form for form in _FORMS if any(name.startswith(form.last) for name in weights))
-    form = next(has, None)
+    form = _form_of(weights)
     if form is None:
         raise UnsupportedPolicyError("its actor is not that of DDPG, TD3, SAC, PPO or the like")
 
@@ -120,6 +120,14 @@ def _layers(data: dict[str, Any], weights: dict[str, Float]) -> list[SavedLayer]
         layers += [_ACTIVATIONS[name], linear]
 
     return [*layers, *form.output]
+
+
+def _form_of(weights: dict[str, Float]) -> _ActorForm | None:
+    """Returns the form whose names the weights have; None if there is none."""
+    for form in _FORMS:
+        if any(name.startswith(form.last) for name in weights):
+            return form
+    return None
 
 
 def _linear(prefix: str, weights: dict[str, Float]) -> list[Linear]:

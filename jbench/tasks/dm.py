@@ -66,7 +66,8 @@ class DmTask(EnvironmentTask):
         self.parts, self.notes = read_parts(environment)
         self._bounds = read_bounds(environment)
         self.action_size = len(self._bounds.minimum)
-        self.ends_early = self.has_state_within_episode = may_end_early(environment)
+        self.ends_early = may_end_early(environment)
+        self.has_state_within_episode = self.ends_early
         self._check_columns()
 
         is_gymnasium = isinstance(environment, GymAdapter)
@@ -152,7 +153,8 @@ class DmTask(EnvironmentTask):
     def _has_repeated(self) -> bool:
         """Whether an episode of random actions was the same twice; WorkError if it fails."""
         with self.worlds(1) as worlds:
-            once, again = (self._random_episode(worlds) for _ in range(2))
+            once = self._random_episode(worlds)
+            again = self._random_episode(worlds)
         return np.array_equal(once, again)
 
     def repeats(self) -> bool:

@@ -179,7 +179,8 @@ class DmWorlds(EndingWorlds):
         self._seeds[world] = seed
         self._commands[world] = []
         self.elapsed[world] = 0
-        self.terminated[world] = self.truncated[world] = False
+        self.terminated[world] = False
+        self.truncated[world] = False
         self.failures.pop(world, None)
         self.unlike.discard(world)
 
@@ -247,7 +248,7 @@ class DmWorlds(EndingWorlds):
         observed = np.empty_like(row)
         np.concatenate(parts, out=observed, casting="same_kind")
         if not np.isfinite(observed).all():
-            name = next(n for n, value in values.items() if not np.isfinite(value).all())
+            name = next(key for key, value in values.items() if not np.isfinite(value).all())
             raise _FlawError(f"{name} of its observation is not finite")
 
         row[:] = observed

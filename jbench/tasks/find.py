@@ -98,7 +98,7 @@ def check_specs(name: str, recorded: Specs | None, accept_changed: bool = False)
     now = find_task(name).specs
     left_out = (*CODE, "model", "control_timestep") if accept_changed else CODE
     names = [name for name in Specs.model_fields if name not in left_out]
-    fields = [n for n in names if getattr(now, n, None) != getattr(recorded, n, None)]
+    fields = [name for name in names if getattr(now, name, None) != getattr(recorded, name, None)]
     if not fields:
         return
 

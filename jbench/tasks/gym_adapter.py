@@ -44,13 +44,16 @@ class GymAdapter:
     """A Gymnasium environment whose episodes are seeded by `reseed`."""
 
     def __init__(self, env: gymnasium.Env[Any, Any], seed: int = 0) -> None:
-        self.env, self._seed = env, seed
+        """Has an environment, and the seed of its first episode."""
+        self.env = env
+        self._seed = seed
 
     @property
     def physics(self) -> Any:
         """The model and data of an environment of MuJoCo; None of others."""
         inner = self.env.unwrapped
-        model, data = (getattr(inner, name, None) for name in ("model", "data"))
+        model = getattr(inner, "model", None)
+        data = getattr(inner, "data", None)
         is_mujoco = type(model).__name__ == "MjModel" and type(data).__name__ == "MjData"
         return SimpleNamespace(model=model, data=data) if is_mujoco else None
 
@@ -94,7 +97,10 @@ class GymAdapter:
                 "Box of real numbers"
             )
         return Spec(
-            (int(np.prod(space.shape)),), space.dtype, space.low.ravel(), space.high.ravel()
+            shape=(int(np.prod(space.shape)),),
+            dtype=space.dtype,
+            minimum=space.low.ravel(),
+            maximum=space.high.ravel(),
         )
 
     def reset(self) -> TimeStep:
@@ -117,6 +123,7 @@ class GymAdapter:
 
 
 def _joined(prefix: str, name: object) -> str:
+    """Returns the name of a part of a part."""
     return f"{prefix}_{name}" if prefix else str(name)
 
 
@@ -145,6 +152,7 @@ def _values(prefix: str, observation: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _check_part(name: str, space: spaces.Space[Any]) -> None:
+    """Raises a RequestError if a part of an observation is not a few real numbers."""
     if not isinstance(space, spaces.Box):
         raise UnusableError(
             f"its observation {name} is {type(space).__name__}, and jbench takes real numbers; "

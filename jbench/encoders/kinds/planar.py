@@ -221,7 +221,9 @@ class PlanarMirror(PlanarReduction):
         where = namespace(physical).where
         numbers = super().numbers(task, physical)
         is_right = (numbers["angle"] if "angle" in numbers else numbers["target_x"]) < 0
-        return {n: where(is_right, SIGNS[n] * value, value) for n, value in numbers.items()}
+        return {
+            name: where(is_right, SIGNS[name] * value, value) for name, value in numbers.items()
+        }
 
     def action_signs(self, weights: Weights, scaled: Array) -> Array:
         """Returns -1 where the encoder shows the mirror image."""

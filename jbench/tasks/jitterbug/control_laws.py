@@ -46,8 +46,10 @@ def read_motion(task: str, observation: NDArray[np.floating]) -> Motion:
     """Returns the motion of the robots in their own frames, observed from above."""
     physical = features.denormalize(task, np.asarray(observation, dtype=np.float64))
     observed = features.split(task, physical)
-    position, velocity = observed["position"], observed["velocity"]
-    mass, mass_rate = observed["motor_position"][..., 0], observed["motor_velocity"][..., 0]
+    position = observed["position"]
+    velocity = observed["velocity"]
+    mass = observed["motor_position"][..., 0]
+    mass_rate = observed["motor_velocity"][..., 0]
     torso = geometry.center_of_mass_velocity(position, velocity, np.array(_TORSO_OFFSET))
     heading = geometry.heading(geometry.State(position, velocity, mass, mass_rate, torso))
     up = geometry.rotation_matrix(position[..., 3:7])[..., 2, :]
@@ -121,7 +123,8 @@ class Driver(Law):
     ) -> Array:
         """Returns the torque (robots,) that drives towards a bearing (robots,), plus `more`."""
         to_bearing = np.exp(-1j * bearing)
-        sine, cosine = np.sin(motion.mass - bearing), np.cos(motion.mass - bearing)
+        sine = np.sin(motion.mass - bearing)
+        cosine = np.cos(motion.mass - bearing)
         torque = (
             -self.spring * sine
             + drive_scale * self.energy_gain * motion.mass_rate * cosine
@@ -168,7 +171,8 @@ class Turner(Law):
 
         `more` is relative torque to add; those of a mask turn with the maximum torque.
         """
-        direction, remaining = np.sign(motion.angle), np.abs(motion.angle)
+        direction = np.sign(motion.angle)
+        remaining = np.abs(motion.angle)
         modulation = (
             1
             + self.front * np.cos(motion.mass)

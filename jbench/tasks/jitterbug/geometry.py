@@ -101,7 +101,8 @@ def speed_in_target_frame(state: State, target: Target) -> Array:
     """Returns the (..., 3) velocity of the torso's center of mass in the target's frame (m/s)."""
     xp = namespace(state.torso_velocity)
     x, y, z = (state.torso_velocity[..., i] for i in range(3))
-    cosine, sine = xp.cos(target.yaw), xp.sin(target.yaw)
+    cosine = xp.cos(target.yaw)
+    sine = xp.sin(target.yaw)
     along = cosine * x + sine * y
     across = cosine * y - sine * x
     return xp.stack([along, across, xp.broadcast_to(z, along.shape)], axis=-1)
@@ -117,7 +118,8 @@ def swing_and_twist(quaternion: Array) -> tuple[Array, Array, Array, Array, Arra
     w, x, y, z = (quaternion[..., i] for i in range(4))
     # The heading is undefined upside down: it is set to 0.
     has_heading = w * w + z * z > 1e-12  # at the precision of float32
-    w, z = xp.where(has_heading, w, 1.0), xp.where(has_heading, z, 0.0)
+    w = xp.where(has_heading, w, 1.0)
+    z = xp.where(has_heading, z, 0.0)
     square = w * w + z * z
     c = xp.sqrt(square)
     a = (w * x + z * y) / c

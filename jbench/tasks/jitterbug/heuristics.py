@@ -157,7 +157,8 @@ class MoveToPose(Turner, MoveToPosition):
 
     def _torque(self, motion: Motion) -> Array:
         """Drives to the target and turns there."""
-        remaining, distance = np.abs(motion.angle), np.abs(motion.target)
+        remaining = np.abs(motion.angle)
+        distance = np.abs(motion.target)
         far = distance > self.far
         turn_on = np.where(far, self.far_turn_on, self.turn_on)
         turn_off = np.where(far, self.far_turn_off, self.turn_off)

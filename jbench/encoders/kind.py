@@ -43,19 +43,21 @@ class Kind(Settings):
 
     features: list[str] | None = omissible(
         None,
-        description="of the observation, by name, as in position,velocity_angular_z; a minus "
-        "leaves one out, as in -speed_in_target_frame (default: all)",
+        description="what it encodes of the observation, by name, as in "
+        "position,velocity_angular_z; a minus leaves one out, as in -speed_in_target_frame; ours: "
+        "all features by default",
     )
     scale: Scale = omissible(
         "dataset",
-        description="of the inputs: extremes over the dataset to [-1, 1] (authors' script), the "
-        "observation as it is (authors' last environment), or unit variance",
+        description="scale of the inputs: extremes over the dataset to [-1, 1] (dataset), the "
+        "observation as it is (observation), or unit variance (sd); authors' script, their last "
+        "environment, and ours",
     )
     rescale: Literal["whitened", "standardized", "extremes"] | None = omissible(
         None,
-        description="of the latents over the dataset: mean 0 and every principal direction to a "
-        "standard deviation of 1/3 (whitened), mean 0 and every latent to a standard deviation of "
-        "1 (standardized), or extremes to [-1, 1]; ours",
+        description="scale of the latents over the dataset: mean 0 and every principal direction "
+        "to a standard deviation of 1/3 (whitened), mean 0 and every latent to a standard "
+        "deviation of 1 (standardized), or extremes to [-1, 1] (extremes); ours",
     )
 
     @field_validator("features", mode="before")
@@ -158,10 +160,12 @@ class Fitted(Kind):
 class Learned(Kind):
     """A kind whose weights are trained by Adam."""
 
-    epochs: int = Field(default=200, ge=1, description="authors' script")
+    epochs: int = Field(default=200, ge=1, description="passes over the states; authors' script")
     batch: int = Field(default=8192, ge=1, description="rows in a step; authors' script")
     learning_rate: float = Field(
-        default=1e-3, gt=0, description="Adam's default; paper, section 5.2 (script: 5e-4)"
+        default=1e-3,
+        gt=0,
+        description="step size of Adam; paper, section 5.2: its default (script: 5e-4)",
     )
 
     def initial(self, size: int, latents: int, random: torch.Generator) -> dict[str, Tensor]:

@@ -5,15 +5,23 @@ import re
 
 import pytest
 
-from jbench.encoders.registry import options_with_epochs
+from jbench.encoders.registry import find_kind, options_with_epochs
 from jbench.encoders.representations import named_encoder
 from jbench.encoders.settings import encoder_settings
 from jbench.errors import RequestError
-from jbench.names import kind_in
+from jbench.names import ENCODER_KINDS, kind_in
 from jbench.store import Results
 from jbench.store.shipped import shipped
 
 SCRIPT = {"initial_weights": "normal", "noise_per": "batch", "learning_rate": 5e-4}
+
+
+@pytest.mark.parametrize("kind", ENCODER_KINDS)
+def test_every_option_says_what_it_means_and_then_its_source(kind):
+    for name, field in find_kind(kind).model_fields.items():
+        meaning, _, source = field.description.rpartition("; ")
+        assert source.startswith(("paper", "authors' script", "authors' code", "ours")), name
+        assert len(meaning.split()) > 2, name
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,8 @@ class Autoencoder(Learned):
     """
 
     initial_weights: Literal["glorot", "normal"] = omissible(
-        "glorot", description="Glorot's, or standard normal as in the authors' script"
+        "glorot",
+        description="initial weights: Glorot's or standard normal; authors' script: normal",
     )
 
     def initial(self, size: int, latents: int, random: torch.Generator) -> dict[str, Tensor]:
@@ -87,9 +88,13 @@ class DenoisingAutoencoder(Autoencoder):
         "script": {"initial_weights": "normal", "noise_per": "batch", "learning_rate": 5e-4}
     }
 
-    noise: float = Field(0.1, ge=0, description="sd on each scaled feature; paper, section 5.2")
+    noise: float = Field(
+        0.1,
+        ge=0,
+        description="standard deviation of the noise on a scaled feature; paper, section 5.2",
+    )
     noise_per: Literal["row", "batch"] = omissible(
-        "row", description="whether rows of a minibatch share their noise, as in authors' script"
+        "row", description="whether rows of a minibatch share their noise; authors' script: batch"
     )
 
     def prepare(self, batch: StatePairs, latents: int, random: torch.Generator) -> StatePairs:
@@ -138,7 +143,9 @@ class DynamicDenoisingAutoencoder(DenoisingAutoencoder):
 
     decodes_later = True
 
-    horizon: int = Field(default=1, ge=1, lt=MAX_HORIZON, description="control steps; ours")
+    horizon: int = Field(
+        default=1, ge=1, lt=MAX_HORIZON, description="control steps ahead that are decoded; ours"
+    )
 
 
 def _times_slope_(tanhs: Tensor, error: Tensor) -> Tensor:

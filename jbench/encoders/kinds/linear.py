@@ -172,7 +172,9 @@ class DynamicModes(Linear, Fitted):
     encoders of that size they give the best linear prediction of the whitened future.
     """
 
-    horizon: int = Field(default=1, ge=1, lt=MAX_HORIZON, description="control steps; ours")
+    horizon: int = Field(
+        default=1, ge=1, lt=MAX_HORIZON, description="control steps ahead of the future; ours"
+    )
 
     def fit(self, states: States, latents: int) -> dict[str, FloatArray]:
         """The directions of the present that best predict the future beside the actions."""

@@ -27,7 +27,9 @@ class Predictive(Learned):
     uses_actions = True
 
     hidden: int = Field(default=64, ge=1, description="units of the predictor; ours")
-    horizon: int = Field(default=1, ge=1, lt=MAX_HORIZON, description="control steps; ours")
+    horizon: int = Field(
+        default=1, ge=1, lt=MAX_HORIZON, description="control steps ahead of the future; ours"
+    )
 
     @abstractmethod
     def heads(self, size: int, latents: int, actions: int) -> dict[str, tuple[int, int]]:
@@ -127,9 +129,13 @@ class Contrastive(Predictive):
     between, as in the temporal contrastive learning of Yang and Nachum (arXiv:2102.05815).
     """
 
-    epochs: int = Field(default=50, ge=1, description="ours: a row is compared with 512 others")
+    epochs: int = Field(
+        default=50, ge=1, description="passes over the states; ours, since a batch has few rows"
+    )
     batch: int = Field(default=512, ge=2, description="rows in a step; ours")
-    horizon: int = Field(default=5, ge=1, lt=MAX_HORIZON, description="control steps; ours")
+    horizon: int = Field(
+        default=5, ge=1, lt=MAX_HORIZON, description="control steps ahead of the future; ours"
+    )
 
     def heads(self, size: int, latents: int, actions: int) -> dict[str, tuple[int, int]]:
         """Predict the latents of the future from latents and actions."""

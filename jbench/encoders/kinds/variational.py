@@ -21,7 +21,9 @@ class VariationalAutoencoder(Learned):
 
     hidden: int = Field(default=64, ge=1, description="units in each hidden layer; ours")
     observation_sd: float = Field(
-        default=0.1, gt=0, description="of a scaled feature given its latent; ours, as dae's noise"
+        default=0.1,
+        gt=0,
+        description="standard deviation of a decoded feature; ours, as dae's noise",
     )
 
     def initial(self, size: int, latents: int, random: torch.Generator) -> dict[str, Tensor]:
@@ -87,7 +89,9 @@ class LocallyLinearVariationalAutoencoder(VariationalAutoencoder):
     uses_actions = True
 
     contraction: float = Field(
-        default=0.1, ge=0, description="weight of the divergence of the predicted latent; authors'"
+        default=0.1,
+        ge=0,
+        description="weight of the divergence of the predicted latents; authors' code",
     )
 
     def latent_sizes(self, task: str, features: int) -> range:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from jbench import plugins
 from jbench.encoders.registry import code_provenance, kind_names
@@ -170,10 +170,20 @@ def kept_settings(results: Results, settings: EncoderSettings) -> EncoderSetting
     return older if results.has("encoder", older.id) else settings
 
 
-def find_draws(
-    results: Results, name: str, task: str, seeds: Sequence[int]
-) -> tuple[str, dict[int, str]]:
-    """Returns a hash of the named encoder's settings without the seed, and the ids by seed.
+class Draws(NamedTuple):
+    """Encoders that differ only in their seeds.
+
+    Attributes:
+        hash: of their settings without the seed.
+        ids: of the encoders, by seed.
+    """
+
+    hash: str
+    ids: dict[int, str]
+
+
+def find_draws(results: Results, name: str, task: str, seeds: Sequence[int]) -> Draws:
+    """Returns the encoders of these seeds with the settings of the named one.
 
     Raises:
         RequestError: if there is none for one of the seeds.
@@ -192,4 +202,4 @@ def find_draws(
             f"--seed {','.join(missing)} to make it, with the same options."
         )
 
-    return settings.draws, ids
+    return Draws(settings.draws, ids)

@@ -151,7 +151,7 @@ def options_with_epochs(
     made = make_kind(kind, options)
     if "epochs" in options or not isinstance(made, Learned):
         return dict(options)
-    learned, _ = split_episodes(episodes, seed)
+    learned = split_episodes(episodes, seed).learned
     batches = math.ceil(len(learned) * episode_steps / made.batch)
     return {**options, "epochs": max(made.epochs, math.ceil(MIN_UPDATES / batches))}
 

@@ -7,7 +7,7 @@ that does not fit in memory is read in each epoch, file by file in random order.
 import copy
 from collections.abc import Iterable, Iterator, Sequence
 from functools import reduce
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import torch
@@ -34,8 +34,15 @@ Scale = Literal["dataset", "observation", "sd"]
 """Scale of the features: extremes over the dataset to [-1, 1], as observed, or unit variance."""
 
 
-def split_episodes(episodes: int, seed: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Returns the indices of the training episodes (80%) and of the held-out ones (20%)."""
+class Split(NamedTuple):
+    """Indices of the episodes of a dataset, each in one of two groups, in ascending order."""
+
+    learned: NDArray[np.intp]  # 80%
+    held_out: NDArray[np.intp]  # 20%
+
+
+def split_episodes(episodes: int, seed: int) -> Split:
+    """Returns the random division of episodes into those of the training and the held-out ones."""
     if episodes < 2:
         raise RequestError(
             "The dataset has a single episode, and an encoder is trained on some and tested on "
@@ -43,7 +50,7 @@ def split_episodes(episodes: int, seed: int) -> tuple[NDArray[np.intp], NDArray[
         )
     order = np.random.default_rng(np.random.SeedSequence(seed)).permutation(episodes)
     held_out = max(1, round(_TEST_SHARE * episodes))
-    return np.sort(order[held_out:]), np.sort(order[:held_out])
+    return Split(learned=np.sort(order[held_out:]), held_out=np.sort(order[:held_out]))
 
 
 class States:
@@ -74,8 +81,7 @@ class States:
         self.size = find_task(task).observation_size
         self.columns = list(range(self.size))
         self.action_size = find_task(task).action_size
-        learned, held_out = split_episodes(dataset.episodes, seed)
-        self._episodes = {"learned": learned, "held_out": held_out}
+        self._episodes = split_episodes(dataset.episodes, seed)._asdict()
         self._memory = memory
         self._chosen_from: States | None = None  # it would be a cycle for all features
         steps = dataset.control_steps / dataset.episodes  # of an episode, on average

@@ -1,7 +1,7 @@
 """Agents on the latents of an encoder: their actions, environment and mirrored inputs."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
@@ -80,8 +80,15 @@ class EncodedObservation(
         return np.asarray(self._encoder.encode(observation), np.float32)
 
 
-def input_mirror(task: str, encoder: Encoder | None) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Returns (size,) gain and offset: inputs of mirrored observations = gain * inputs + offset.
+class InputMirror(NamedTuple):
+    """What a mirror does to an agent's inputs (size,): the image is gain * inputs + offset."""
+
+    gain: NDArray[Any]
+    offset: NDArray[Any]
+
+
+def input_mirror(task: str, encoder: Encoder | None) -> InputMirror:
+    """Returns the mirror of the inputs of an agent, which are the latents of an encoder, if any.
 
     An encoder needs no method for it: the mirror is found by encoding random observations and
     their mirror images. A mirror that acts on each input alone either keeps it or reflects it.
@@ -94,7 +101,7 @@ def input_mirror(task: str, encoder: Encoder | None) -> tuple[NDArray[Any], NDAr
     if signs is None:
         raise RequestError(f"No mirror image is known of {task}: mirror must be false.")
     if encoder is None:
-        return signs, np.zeros_like(signs)
+        return InputMirror(signs, np.zeros_like(signs))
 
     shape = _MIRRORED, len(signs)
     random = torch.Generator().manual_seed(0)
@@ -118,4 +125,4 @@ def input_mirror(task: str, encoder: Encoder | None) -> tuple[NDArray[Any], NDAr
             "scaled or planar, and this encoder mixes them: leave it out, or choose one of these."
         )
 
-    return gain.numpy(), offset.numpy()
+    return InputMirror(gain.numpy(), offset.numpy())

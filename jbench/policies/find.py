@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import partial
 from importlib.metadata import EntryPoint
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,11 +80,11 @@ def find_policy(
     if is_sb3_zip(name):
         return ActingPolicy(read_sb3_zip(name, task).act)
 
-    located, run = locate_run(results, name)
-    agent = load_agent(located, run, accept_changed)
+    run = locate_run(results, name)
+    agent = load_agent(run.results, run.id, accept_changed)
     if agent.task != task:
         raise RequestError(
-            f"The run {run} was trained on {agent.task}, not {task}; type --task {agent.task}."
+            f"The run {run.id} was trained on {agent.task}, not {task}; type --task {agent.task}."
         )
 
     return ActingPolicy(agent.act)
@@ -149,7 +149,14 @@ def _imported_policy(name: str, task: str) -> ActingPolicy:
     return policy
 
 
-def full_name(results: Results, name: str) -> tuple[str, Run | None]:
+class FullName(NamedTuple):
+    """The whole name of a policy, and the settings of its run, if it is one of a run."""
+
+    name: str
+    run: Run | None
+
+
+def full_name(results: Results, name: str) -> FullName:
     """Completes a policy's name to the whole id of its run; returns its settings, too, if any.
 
     `reference/face_direction/ddpg/full` is short for the only shipped policy of these runs, and
@@ -161,7 +168,7 @@ def full_name(results: Results, name: str) -> tuple[str, Run | None]:
         located, id = locate_run(results, name)
         record = located.find("run", id)
         prefix = SHIPPED if name.startswith(SHIPPED) else ""
-        return f"{prefix}{id}", None if record is None else read_run(record.settings)
+        return FullName(f"{prefix}{id}", None if record is None else read_run(record.settings))
 
     if name.startswith(_CONSTANT):
         _constant(name)
@@ -170,7 +177,7 @@ def full_name(results: Results, name: str) -> tuple[str, Run | None]:
         hint = f"did you mean {close}? Choose" if close else "choose"
         raise RequestError(f"Unknown policy {name!r}; {hint} {POLICY_NAMES}.")
 
-    return name, None
+    return FullName(name, None)
 
 
 def changed_code(results: Results, name: str) -> str | None:
@@ -222,20 +229,27 @@ def shipped_policies() -> list[str]:
     return sorted(f"{SHIPPED}{run.id}" for run in runs if has_policy(run))
 
 
-def locate_run(results: Results, name: str) -> tuple[Results, str]:
-    """Returns the results that hold the run of a policy, and the run's id.
+class LocatedRun(NamedTuple):
+    """The run of a policy: the results that hold it, and its whole id."""
+
+    results: Results
+    id: str
+
+
+def locate_run(results: Results, name: str) -> LocatedRun:
+    """Returns the run of a policy.
 
     The name is the beginning of an id, after "reference/" for a shipped run.
 
     Raises a RequestError if the name is no id, or that of no shipped policy or of several runs.
     """
     if not name.startswith(SHIPPED):
-        return results, results.complete_id("run", name)
+        return LocatedRun(results, results.complete_id("run", name))
 
     names = shipped_policies()
     matches = [shipped for shipped in names if shipped.startswith(name)]
     if len(matches) == 1:
-        return shipped_results(), matches[0].removeprefix(SHIPPED)
+        return LocatedRun(shipped_results(), matches[0].removeprefix(SHIPPED))
 
     if matches:
         raise RequestError(

@@ -65,7 +65,9 @@ def request_runs(
         fields["encoder"] = encoder_id = find_encoder(results, encoder, task, accept_changed)
         fields["representation"] = read_representation(results, encoder_id, accept_changed)
         if encoder_seeds == "each":
-            fields["encoder_draws"], encoders = find_draws(results, encoder, task, seeds)
+            draws = find_draws(results, encoder, task, seeds)
+            fields["encoder_draws"] = draws.hash
+            encoders = draws.ids
     fields["time_limit"] = fields.get("time_limit") or default_time_limit(base)
     algorithm = algorithm_fields(algo, engine, base, algorithm_changes, task)
     if "encoder" in fields and algorithm["hyperparameters"].get("mirror"):

@@ -27,7 +27,7 @@ def test_errors_equal_those_of_saved_encoder(trained, results, kind):
     found = rows(record, "encoder_features")
     (total,) = rows(record, "encoder_errors").to_dict("records")
     for data, episodes in (
-        ("test", observations_of(trained.dataset)[split_episodes(5, 2)[1]]),
+        ("test", observations_of(trained.dataset)[split_episodes(5, 2).held_out]),
         ("heuristic", heuristic_episodes("face_direction", None)),
     ):
         rebuilt, expected = reconstructions(record, trained.states.scaled(episodes))

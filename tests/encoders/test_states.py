@@ -42,8 +42,8 @@ def test_split_has_80_percent_of_episodes_for_training(episodes):
     learned, held_out = split_episodes(episodes, 0)
     assert sorted([*learned, *held_out]) == list(range(episodes))
     assert len(held_out) == max(1, round(episodes / 5))
-    assert split_episodes(episodes, 0)[1].tolist() == held_out.tolist()
-    assert len({tuple(split_episodes(episodes, seed)[1]) for seed in range(9)}) > 1
+    assert split_episodes(episodes, 0).held_out.tolist() == held_out.tolist()
+    assert len({tuple(split_episodes(episodes, seed).held_out) for seed in range(9)}) > 1
 
 
 def test_states_are_scaled_by_extremes_of_dataset(dataset, scaled):

@@ -260,7 +260,7 @@ def test_encoder_in_use_by_other_process_is_refused(trained, results):
 
 
 def test_held_out_episodes_are_not_used_in_training(results):
-    (held_out,) = split_episodes(5, 2)[1]
+    (held_out,) = split_episodes(5, 2).held_out
     records = []
     for share in (0.5, 0.1):  # slower than the others, which determine the scaling
         state = random_states(5)

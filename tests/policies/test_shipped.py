@@ -126,8 +126,8 @@ def test_shipped_policy_equals_policy_of_run(
     shorten_episodes(monkeypatch.setattr)
     cell = f"reference/face_direction/td3/{representation}/s00"
     (name,) = [policy for policy in find.shipped_policies() if policy.startswith(cell)]
-    assert find.full_name(Results(shipped()), cell)[0] == name
-    assert find.full_name(Results(shipped()), name[:-4])[0] == name
+    assert find.full_name(Results(shipped()), cell).name == name
+    assert find.full_name(Results(shipped()), name[:-4]).name == name
     shutil.copytree(demo_results.path, tmp_path / "own")
     evaluate = ("evaluate", "--episodes", "1", "--seed", "5", "--threads", "1", "--json")
     printed = []

@@ -187,7 +187,7 @@ def _row_mirror(environments: Environments) -> Tensor:
     offset = []
     actions = environments.action_size
     for encoder in environments.encoders:
-        factor, shift = input_mirror(environments.task, encoder)
-        gain.append([*factor, *[-1] * actions, 1])
-        offset.append([*shift, *[0] * actions, 0])
+        mirror = input_mirror(environments.task, encoder)
+        gain.append([*mirror.gain, *[-1] * actions, 1])
+        offset.append([*mirror.offset, *[0] * actions, 0])
     return torch.tensor([gain, offset], dtype=torch.float64)

@@ -22,14 +22,14 @@ from jbench.report.configurations import (
     seed_frame,
     sequence_frame,
 )
-from jbench.report.data.configuration import Configuration, rename, with_returns
+from jbench.report.data.configuration import Configuration, with_returns
 from jbench.report.data.curves import SEQUENCE, read_published
 from jbench.report.data.source_names import FILE, IMPORTED
 from jbench.report.data.sources import Source
 from jbench.report.encoders import encoder_frame, kept_frame, prediction_frame
 from jbench.report.headline import headline
 from jbench.report.leaderboard import leaderboard
-from jbench.report.reading import notes_on, read, tested_claims
+from jbench.report.reading import notes_on, read, rename, tested_claims
 from jbench.report.request import Request
 from jbench.report.runs import provenance_frame, run_frame
 from jbench.report.texts import clean, map_texts

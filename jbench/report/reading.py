@@ -1,6 +1,6 @@
 """What a report reads: the runs that were asked for, their pairs, claims and notes."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import pandas as pd
 
@@ -149,3 +149,40 @@ def notes_on(configurations: Sequence[Configuration]) -> list[str]:
         f"{note}."
         for note, names in named.items()
     ]
+
+
+def rename(
+    configurations: Iterable[Configuration], names: Sequence[tuple[str, str]]
+) -> dict[str, str]:
+    """Gives representations, or the methods of a file, the names that a reader has chosen.
+
+    A name of a kind, such as `six-rows`, means all sizes, which keep them if there are several.
+
+    Returns:
+        The new names by the old ones.
+
+    Raises:
+        RequestError: if there is nothing of such a name.
+    """
+    every = list(configurations)
+    chosen = dict[str, str]()
+    for old, new in names:
+        known = {config.identity[config.named_by]: config for config in every}
+        of_kind = [name for name, config in known.items() if config.identity["kind"] == old]
+        if old in known:
+            chosen[old] = new
+        elif of_kind:
+            for name in of_kind:
+                chosen[name] = new if len(of_kind) == 1 else new + name.removeprefix(old)
+        else:
+            raise RequestError(
+                f"--names {old}={new}: the report has no {old}; it has {', '.join(known)}."
+            )
+
+    for config in every:
+        old = config.identity[config.named_by]
+        if old in chosen:
+            config.shown = chosen[old]
+            config.set_words(config.each_word)
+
+    return chosen

@@ -76,29 +76,21 @@ def build(
     returns if any was evaluated. The tables of episodes and evaluations may contain other runs.
     `encoders` are names of encoders by id; see `variant_words`.
     """
-    tables: dict[ReturnsName, pa.Table] = {TRAINING: episodes, EVALUATION: evaluations}
-    points = {kind: run_points(table, kind) for kind, table in tables.items()}
-    known = points[EVALUATION] | points[TRAINING]
-    recorded = [len(known.get(run, NOTHING)) for run in runs["run"]]
-    ends = [divergence(text) for text in runs["diverged"]]
-    provenance = runs["provenance"] if "provenance" in runs else [None] * len(runs)
+    points: dict[ReturnsName, dict[str, FloatArray]] = {
+        TRAINING: run_points(episodes, TRAINING),
+        EVALUATION: run_points(evaluations, EVALUATION),
+    }
     begun = dict(zip(runs["run"], runs["created"].astype(str), strict=True))
-    # Other columns are left out, since their texts are long.
-    runs = runs[[*KEY, "run", "seed", "steps", "status", "encoder", "created"]].assign(
-        recorded=recorded,
-        diverged=[at for at, _ in ends],
-        divergence=[words for _, words in ends],
-        lowest=[diverged_return(points[TRAINING].get(r, NOTHING)[:, _RETURN]) for r in runs["run"]],
-        typed=pd.Series([parse_run(text) for text in runs["settings"]], runs.index, object),
-    )
+    runs = _described(runs, points)
+
     # Evaluation does not affect training, so runs that differ only in it are one configuration.
     alike = runs["typed"].map(comparable)
     runs["variant"] = runs.groupby(alike)["variant"].transform("min")
-    runs["code"] = pd.Series([recorded_code(text) for text in provenance], runs.index, object)
     codes = split_by_code(runs, alike)
     runs["settings_variant"] = runs["variant"]
     runs["variant"] += codes.where(codes == "", "-" + codes.str.replace(" ", "-"))
     dates = code_dates(zip(runs["typed"], runs["created"], strict=True))
+
     idle = (runs["recorded"] == 0) & runs["diverged"].isna()
     notes = [
         f"The run {run} ({status}) has no episodes yet."
@@ -126,6 +118,30 @@ def build(
     return built, notes
 
 
+def _described(runs: pd.DataFrame, points: PointsByKind) -> pd.DataFrame:
+    """Returns what `Configuration` and notes need of runs, without other, long texts.
+
+    Further columns: recorded (number of points), diverged (control steps; NaN: never) and
+    divergence (in words), lowest (what a diverged run counts with), typed (its settings, read) and
+    code (what is recorded of users' code).
+    """
+    recorded = {**points[EVALUATION], **points[TRAINING]}
+    ends = [divergence(text) for text in runs["diverged"]]
+    trained = [points[TRAINING].get(run, NOTHING) for run in runs["run"]]
+    settings = [parse_run(text) for text in runs["settings"]]
+    provenance = runs["provenance"] if "provenance" in runs else [None] * len(runs)
+    code = [recorded_code(text) for text in provenance]
+
+    return runs[[*KEY, "run", "seed", "steps", "status", "encoder", "created"]].assign(
+        recorded=[len(recorded.get(run, NOTHING)) for run in runs["run"]],
+        diverged=[at for at, _ in ends],
+        divergence=[words for _, words in ends],
+        lowest=[diverged_return(each[:, _RETURN]) for each in trained],
+        typed=pd.Series(settings, runs.index, object),
+        code=pd.Series(code, runs.index, object),
+    )
+
+
 def _build(
     same: pd.DataFrame, points: PointsByKind, source: str, words: Sequence[str]
 ) -> Iterator[Configuration]:
@@ -147,7 +163,7 @@ def _build(
             point = "evaluation" if kind == EVALUATION else "training episode"
             notes = [f"{missing} of {len(chosen)} seeds have no {point}", *notes]
         stacks = stacked([recorded.get(run, NOTHING) for run in used["run"]], kind)
-        absent = np.isnan(stacks["returns"]) & np.isfinite(stacks["control_steps"])
+        absent = np.isnan(stacks.returns) & np.isfinite(stacks.control_steps)
         if diverged.any():
             longest = int(used["steps"].fillna(0).max())
             length = used["typed"].iloc[0].episode_steps

@@ -7,16 +7,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jbench.errors import RequestError
 from jbench.names import FULL, TASKS, Order, ReturnsName, kind_in, shown_representation
-from jbench.report.data.common_steps import (
-    CommonPoints,
-    SeedPoints,
-    at_common_steps,
-    distinct,
-)
+from jbench.report.data.common_steps import CommonPoints, SeedPoints, at_common_steps, distinct
 from jbench.report.data.curves import Curve, SeedCurve, learning_curve, seed_curve
-from jbench.report.data.points import FIELDS, Points
+from jbench.report.data.points import Points
 from jbench.report.data.scores import Scores
 from jbench.report.data.source_names import FILE, OWN, has_solved_return
 from jbench.report.request import WINDOW
@@ -48,12 +42,7 @@ class Configuration:
     `diverged_return` at every point after its divergence, up to the end of the other seeds.
 
     Attributes:
-        returns: (seeds, points) returns; NaN after a run's end, or if not finite.
-        control_steps: (seeds, points) control steps at each point; NaN after the run's end.
-        processor_time: (seeds, points) processor time at each point in s; NaN if not recorded.
-        deviations: (seeds, points) standard deviation of the episodes of each evaluation; NaN for
-            training episodes, and if unknown.
-        counts: (seeds, points) number of episodes of each evaluation; 1 for training episodes.
+        returns, control_steps, processor_time, deviations, counts: (seeds, points); see `Points`.
         lengths: (seeds,) number of points of each run.
         last_step, longest: last control step that every seed has reached, or any.
         steps: (seeds,) control steps of training: as planned for finished runs, else up to the last
@@ -86,20 +75,28 @@ class Configuration:
 
         Args:
             runs: a row for each seed, in ascending order; see `build.build`.
-            points: (seeds, points) arrays by the names `points.FIELDS`.
+            points: of the runs in the same order.
             words: settings that differ from the defaults, a word each; see
                 `variants.variant_words`.
         """
         first = runs.iloc[0]
         self.kind = kind
         self.source = source
-        self.task, self.algo, self.representation, self.variant = map(str, first[KEY])
+        self.task = str(first["task"])
+        self.algo = str(first["algo"])
+        self.representation = str(first["representation"])
+        self.variant = str(first["variant"])
         self.notes: tuple[str, ...] = ()
         self.shown: str | None = None
         self.beside: Sequence[Configuration] = ()
         self.scores: dict[int | None, Scores] = {}
-        fields = [points[name] for name in FIELDS]
-        self.returns, self.control_steps, self.processor_time, self.deviations, self.counts = fields
+
+        self.returns = points.returns
+        self.control_steps = points.control_steps
+        self.processor_time = points.processor_time
+        self.deviations = points.deviations
+        self.counts = points.counts
+
         self.seeds = runs["seed"].to_numpy(np.int64)
         self.runs = tuple(runs["run"])
         self.diverged = runs["diverged"].notna().to_numpy()
@@ -107,6 +104,7 @@ class Configuration:
         self.draws = runs["encoder"].nunique()
         self.settings = first["typed"]
         self.has_solved_return = has_solved_return([self.task], [source])
+
         self.lengths = self.lengths_up_to(np.inf)
         planned = runs["steps"].fillna(0).to_numpy(np.int64)
         ends = self.control_steps[np.arange(len(runs)), self.lengths - 1]
@@ -146,8 +144,18 @@ class Configuration:
         self.label = f"{prefix}{label}"
         self.name = f"{self.task} {label}"
         self.configuration = f"{prefix}{self.name}"
-        names = self.configuration, self.label, source, self.task, algo, shown, kind, self.words
-        self.identity = dict(zip(ID, (*names, self.kind), strict=True))  # the columns `ID`
+        # The columns `ID`.
+        self.identity = {
+            "configuration": self.configuration,
+            "label": self.label,
+            "source": source,
+            "task": self.task,
+            "algo": algo,
+            "representation": shown,
+            "kind": kind,
+            "words": self.words,
+            "returns": self.kind,
+        }
 
     def lengths_up_to(self, control_steps: float) -> IntArray:
         """Returns the number of points (seeds,) up to a control step."""
@@ -230,43 +238,6 @@ Configurations = Sequence[Configuration]
 def with_returns(configurations: Iterable[Configuration], kind: ReturnsName) -> list[Configuration]:
     """Returns the configurations of one kind of return."""
     return [config for config in configurations if config.kind == kind]
-
-
-def rename(
-    configurations: Iterable[Configuration], names: Sequence[tuple[str, str]]
-) -> dict[str, str]:
-    """Gives representations, or the methods of a file, the names that a reader has chosen.
-
-    A name of a kind, such as `six-rows`, means all sizes, which keep them if there are several.
-
-    Returns:
-        The new names by the old ones.
-
-    Raises:
-        RequestError: if there is nothing of such a name.
-    """
-    every = list(configurations)
-    chosen = dict[str, str]()
-    for old, new in names:
-        known = {config.identity[config.named_by]: config for config in every}
-        of_kind = [name for name, config in known.items() if config.identity["kind"] == old]
-        if old in known:
-            chosen[old] = new
-        elif of_kind:
-            for name in of_kind:
-                chosen[name] = new if len(of_kind) == 1 else new + name.removeprefix(old)
-        else:
-            raise RequestError(
-                f"--names {old}={new}: the report has no {old}; it has {', '.join(known)}."
-            )
-
-    for config in every:
-        old = config.identity[config.named_by]
-        if old in chosen:
-            config.shown = chosen[old]
-            config.set_words(config.each_word)
-
-    return chosen
 
 
 def differing_in(configurations: Iterable[Configuration], name: str) -> list[list[Configuration]]:

@@ -4,6 +4,7 @@ A point is a training episode, or the mean over an evaluation.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -19,10 +20,32 @@ _POSES = ["x", "y", "heading", "target_x", "target_y", "target_yaw"]
 PATHS = ("run", "evaluation", "control_steps", *_POSES)
 """Columns of the tables `episodes` and `evaluations`, and of `paths`, that are read."""
 
-# Columns of points; see `configuration.Configuration`.
-FIELDS = ["returns", "control_steps", "processor_time", "deviations", "counts"]
-Points = Mapping[str, FloatArray]  # (seeds, points) arrays by field
-NOTHING = np.empty((0, len(FIELDS)))  # points of a run without any
+
+@dataclass(frozen=True)
+class Points:
+    """Points of the runs of a configuration, one run per seed.
+
+    Attributes:
+        returns: (seeds, points) returns; NaN after a run's end, or if not finite.
+        control_steps: (seeds, points) control steps at each point; NaN after the run's end.
+        processor_time: (seeds, points) processor time at each point in s; NaN if not recorded.
+        deviations: (seeds, points) standard deviation of the episodes of each evaluation; NaN for
+            training episodes, and if unknown.
+        counts: (seeds, points) number of episodes of each evaluation; 1 for training episodes.
+    """
+
+    returns: FloatArray
+    control_steps: FloatArray
+    processor_time: FloatArray
+    deviations: FloatArray
+    counts: FloatArray
+
+
+FIELDS = [field.name for field in fields(Points)]
+"""Columns of the points of one run."""
+
+NOTHING = np.empty((0, len(FIELDS)))
+"""Points of a run without any."""
 
 Part = tuple[Mapping[str, Any], Mapping[str, Any]]
 """Of a frame: names of its rows, and arrays (rows,) by column."""
@@ -80,8 +103,8 @@ def run_points(table: pa.Table, kind: ReturnsName) -> dict[str, FloatArray]:
     }
 
 
-def stacked(runs: Sequence[FloatArray], kind: ReturnsName) -> dict[str, FloatArray]:
-    """Returns the points of runs stacked, (seeds, points) each, padded with NaN.
+def stacked(runs: Sequence[FloatArray], kind: ReturnsName) -> Points:
+    """Returns the points (points, `FIELDS`) of several runs together, padded with NaN.
 
     Training episodes are aligned by their index, evaluations by the control steps before them.
     """
@@ -96,7 +119,7 @@ def stacked(runs: Sequence[FloatArray], kind: ReturnsName) -> dict[str, FloatArr
     for row, (run, column) in enumerate(zip(runs, columns, strict=True)):
         stacked[:, row, column] = run.T
 
-    return dict(zip(FIELDS, stacked, strict=True))
+    return Points(*stacked)
 
 
 def count_divergence(
@@ -106,11 +129,11 @@ def count_divergence(
     planned: int,
     kind: ReturnsName,
     episode_steps: int,
-) -> dict[str, FloatArray]:
+) -> Points:
     """Returns the points with diverged seeds extended to the end of the others, or as planned.
 
     Args:
-        points: (seeds, points) arrays by field.
+        points: of all seeds; they are changed in place, unless all have diverged.
         at: control steps (seeds,) after which they diverged; NaN if they did not.
         lowest: return (seeds,) that they count with from then on; see `diverged_return`.
         planned: control steps of a run.
@@ -119,15 +142,13 @@ def count_divergence(
     """
     planned = max(planned, int(np.nanmax(at)))
     if np.isfinite(at).all():
-        steps = points["control_steps"]
+        steps = points.control_steps
         more = int(not steps.size or np.nanmax(steps) < planned)
         if kind == TRAINING:
             more = max(0, max(1, -(-planned // episode_steps)) - steps.shape[1])
-        pad = ((0, 0), (0, more))
-        points = {name: np.pad(f, pad, constant_values=np.nan) for name, f in points.items()}
+        points = _with_empty_points(points, more)
 
-    returns = points["returns"]
-    control_steps = points["control_steps"]
+    control_steps = points.control_steps
     present = np.isfinite(control_steps)
     grid = np.max(np.where(present, control_steps, -np.inf), axis=0)
     empty = np.flatnonzero(np.isinf(grid))
@@ -138,12 +159,19 @@ def count_divergence(
             late[-1] = True
         after = late | (present[row] & (control_steps[row] > at[row]))
         control_steps[row, late] = grid[late]
-        returns[row, after] = lowest[row]
-        points["counts"][row, late] = 1.0
+        points.returns[row, after] = lowest[row]
+        points.counts[row, late] = 1.0
         if kind == EVALUATION:
-            points["deviations"][row, after] = 0.0
+            points.deviations[row, after] = 0.0
 
-    return dict(points)
+    return points
+
+
+def _with_empty_points(points: Points, count: int) -> Points:
+    """Returns the points with a number of further ones at their end, which are NaN."""
+    after = ((0, 0), (0, count))
+    arrays = (getattr(points, name) for name in FIELDS)
+    return Points(*(np.pad(array, after, constant_values=np.nan) for array in arrays))
 
 
 def long_frame(parts: Iterable[Part], columns: Sequence[str]) -> pd.DataFrame:

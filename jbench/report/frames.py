@@ -12,17 +12,15 @@ from jbench.report import policies
 from jbench.report.analysis import compare, scores
 from jbench.report.analysis.decisions import StudyComparison, decision_frame, planned_comparisons
 from jbench.report.analysis.verdicts import verdict_frame
-from jbench.report.configurations import (
-    Curves,
-    configuration_frame,
+from jbench.report.configurations import configuration_frame, seed_frame
+from jbench.report.curve_frames import (
     curve_frame,
     processor_frame,
     published_frame,
     run_curve_frame,
-    seed_frame,
     sequence_frame,
 )
-from jbench.report.data.configuration import Configuration, with_returns
+from jbench.report.data.configuration import Configuration, Curves, with_returns
 from jbench.report.data.curves import SEQUENCE, read_published
 from jbench.report.data.source_names import FILE, IMPORTED
 from jbench.report.data.sources import Source

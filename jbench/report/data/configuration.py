@@ -233,6 +233,7 @@ class Configuration:
 
 
 Configurations = Sequence[Configuration]
+Curves = Sequence[tuple[Configuration, Curve]]
 
 
 def with_returns(configurations: Iterable[Configuration], kind: ReturnsName) -> list[Configuration]:

@@ -214,8 +214,8 @@ def _print_verdicts(title: str, matrix: "VerdictMatrix") -> None:
     rows = []
     for about, group in matrix.groups.items():
         for row in group:
-            cells = (cell and f"{cell['mark']} {cell['verdict']}" for cell in row["verdicts"])
-            rows.append([about, OBSERVED.form(row), *cells])
+            cells = (cell and f"{cell.mark} {cell.verdict}" for cell in row.verdicts)
+            rows.append([about, OBSERVED.form(vars(row)), *cells])
 
     header = ["", "representation"]
     for baseline, claim in product(matrix.baselines, matrix.claims.values()):

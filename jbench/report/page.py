@@ -3,6 +3,7 @@
 import base64
 import hashlib
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -16,7 +17,7 @@ from jbench.report.encoders import descriptions
 from jbench.report.figures.chart import Chart
 from jbench.report.frames import Frames
 from jbench.report.repetition import drops, repetition
-from jbench.report.runs import run_details
+from jbench.report.run_details import run_details
 from jbench.report.svg import panel_svgs
 from jbench.report.table import Column, Table
 from jbench.report.tables import notes, tables
@@ -64,9 +65,7 @@ def render(frames: Frames, made: Sequence[Chart]) -> str:
         tables=[_shown(table) for table in tables(frames) if table.name != "verdicts"],
         drops=drops(frames.runs, frames.source.problems),
         repeat=repetition(frames.source),
-        runs=run_details(
-            frames.runs, frames.run_curves, frames.metrics, frames.paths, frames.returns
-        ),
+        runs=asdict(run_details(frames)),
         command=clean(frames.request.command),
         citation=CITATION if len(frames.published) else "",
     )

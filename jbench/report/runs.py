@@ -1,7 +1,6 @@
-"""Single runs: their frames, where they come from, and what the page shows of one."""
+"""Frames of single runs, and of where they come from."""
 
 import json
-from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any
 
@@ -12,9 +11,7 @@ from jbench.names import ReturnsName, kind_in, shown_representation
 from jbench.report.configurations import seed_frame
 from jbench.report.data.build import divergence
 from jbench.report.data.configuration import ID, with_returns
-from jbench.report.data.source_names import OWN
 from jbench.report.data.sources import Source
-from jbench.report.texts import clean
 from jbench.settings.algorithms import display_name
 from jbench.settings.recorded import flatten, parse_run
 from jbench.settings.run import RunSettings
@@ -39,13 +36,7 @@ COLUMNS = [
     "settings",
     "provenance",
 ]
-_RUN_POINTS = 50
-_PATH_POINTS = 20
-_PAGE_POINTS = 6_000  # of the curves of all runs together
 _RECORDED = ("processor", "cores", "threads", "jbench", "python", "git_revision", "command")
-
-_ORIGIN = {"git revision": "commit", "processor": "processor", "command": "command"}
-"""What the page shows of a run's provenance, and what it calls it."""
 
 
 def run_frame(source: Source, returns: ReturnsName) -> pd.DataFrame:
@@ -63,90 +54,35 @@ def run_frame(source: Source, returns: ReturnsName) -> pd.DataFrame:
     for recorded in source.runs.to_dict("records"):
         key = str(recorded["source"]), str(recorded["run"])
         representation = str(recorded["representation"])
-        row = dict.fromkeys(ID, "") | {n: recorded[n] for n in ("task", "seed", "steps", "status")}
-        row["algo"] = display_name(str(recorded["algo"]))
-        row["kind"] = kind_in(representation)
-        row["representation"] = shown_representation(representation)
-        row |= named[key].identity if key in named else {}
-        row["source"] = key[0]
-        row["run"] = key[1]
-        row["final"] = finals.get(key, np.nan)
-        row["diverged"] = divergence(recorded["diverged"])[1]
         created = recorded["created"]
-        row["day"] = created[:10] if isinstance(created, str) else ""
-        row["settings"] = dict(_texts(recorded["settings"]))
-        rows.append(row | {"provenance": provenance(recorded["provenance"])})
+        if key in named:
+            names = named[key].identity
+        else:
+            names = {
+                **dict.fromkeys(ID, ""),
+                "task": recorded["task"],
+                "algo": display_name(str(recorded["algo"])),
+                "representation": shown_representation(representation),
+                "kind": kind_in(representation),
+            }
+
+        row = {
+            **names,
+            "source": key[0],
+            "run": key[1],
+            "seed": recorded["seed"],
+            "steps": recorded["steps"],
+            "status": recorded["status"],
+            "final": finals.get(key, np.nan),
+            "diverged": divergence(recorded["diverged"])[1],
+            "day": created[:10] if isinstance(created, str) else "",
+            "settings": dict(_texts(recorded["settings"])),
+            "provenance": provenance(recorded["provenance"]),
+        }
+        rows.append(row)
 
     rows.sort(key=lambda row: (order.get(row["configuration"], -1), row["seed"]))
     return pd.DataFrame(rows, columns=COLUMNS).astype({"steps": "Int64"})
-
-
-def run_details(
-    runs: pd.DataFrame,
-    run_curves: pd.DataFrame,
-    metrics: pd.DataFrame,
-    paths: pd.DataFrame,
-    leading: ReturnsName,
-) -> dict[str, Any]:
-    """Returns what the script shows of runs beside their rows: settings and steps by number.
-
-    Curves of the leading kind of return come first, unless they have less than five points.
-    """
-    sizes = run_curves.groupby(["source", "run", "returns"])["steps"].transform("size")
-    ordered = run_curves.assign(few=sizes < 5, other=run_curves["returns"] != leading)
-    ordered = ordered.sort_values(["few", "other"], kind="stable")
-    ordered = ordered.assign(name=ordered["returns"] + " return")
-    finite = metrics[np.isfinite(metrics["value"]) & metrics["run"].isin(runs["run"])]
-    finite = finite.rename(columns={"control_steps": "steps"}).assign(source=OWN)
-    every = pd.concat([ordered, finite])
-    groups = every.groupby(["source", "run", "name"], sort=False)
-    most = max(2, min(_RUN_POINTS, _PAGE_POINTS // max(1, groups.ngroups)))
-    curves: dict[Any, list[list[Any]]] = {}
-    steps: dict[tuple[int, ...], int] = {}
-    for (source, run, name), points in groups[["steps", "value"]]:
-        at = np.linspace(0, len(points) - 1, min(len(points), most)).round().astype(int)
-        shown = points.to_numpy(float)[at]
-        values = [json.loads(f"{value:.3g}") for value in shown[:, 1]]
-        number = steps.setdefault(tuple(shown[:, 0].round().astype(int).tolist()), len(steps))
-        curves.setdefault((source, run), []).append([str(name), number, values])
-
-    ways = {key: list(_paths(rows)) for key, rows in paths.groupby(["source", "run"], sort=False)}
-    settings: dict[tuple[str, str], int] = {}
-    origins: dict[str, int] = {}
-    details = []
-    for row in runs.to_dict("records"):
-        place = row["source"], row["run"]
-        texts = [(clean(str(n)), clean(str(v))) for n, v in row["settings"].items()]
-        numbers = [settings.setdefault(pair, len(settings)) for pair in texts]
-        origin = [
-            origins.setdefault(f"{name}: {clean(row['provenance'][key])}", len(origins))
-            for key, name in _ORIGIN.items()
-            if key in row["provenance"]
-        ]
-        detail = {"diverged": row["diverged"], "settings": numbers, "origin": origin}
-        details.append(detail | {"curves": curves.get(place, []), "paths": ways.get(place, [])})
-
-    return {
-        "settings": list(settings),
-        "steps": list(steps),
-        "origins": list(origins),
-        "runs": details,
-    }
-
-
-def _paths(rows: pd.DataFrame) -> Iterator[dict[str, Any]]:
-    """Yields the first and the last path of a run, in tenths of a millimeter, waits left out."""
-    steps = sorted(rows["steps"].unique())
-    for at in dict.fromkeys((steps[0], steps[-1])):
-        path = rows[rows["steps"] == at]
-        last = path.iloc[-1]
-        path = path.iloc[np.linspace(0, len(path) - 1, min(len(path), _PATH_POINTS)).astype(int)]
-        numbers = {name: last[f"target_{name}"] for name in ("x", "y", "yaw")}
-        numbers["heading"] = last["heading"]
-        known = {n: round(float(v), 3) for n, v in numbers.items() if np.isfinite(v)}
-        points = (path[["x", "y"]].to_numpy(np.float64) * 1e4).round().astype(int)
-        moved = np.append(True, (points[1:] != points[:-1]).any(axis=1))
-        yield {**known, "points": points[moved].ravel().tolist()}
 
 
 def provenance(recorded: str) -> dict[str, str]:

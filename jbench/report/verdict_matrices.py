@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, product
 from typing import Any
 
 import numpy as np
@@ -19,20 +19,73 @@ _STATES = {"✓": "for", "✗": "against"}
 
 
 @dataclass(frozen=True)
+class VerdictCell:
+    """A verdict on one claim against one baseline, with an interval to draw.
+
+    Numbers are places on an axis of the length 120, of which 60 is no difference.
+
+    Attributes:
+        claim: its letter.
+        against: name of the baseline.
+        mark: a character for the verdict.
+        verdict: a word or two: whether the representation is better, or why this is not known.
+        state: whether the verdict speaks `for` the representation, `against` it, or is `open`.
+        size: the difference as text; empty if it is unknown.
+        text: the verdict in words.
+        numbers: the difference with its uncorrected interval and the seeds, in words.
+        corrected_by: how the verdict is corrected for the other comparisons; empty if it is not.
+        value: the difference.
+        low, high: ends of its interval alone.
+        corrected_low, corrected_high: ends of the corrected interval.
+        margin: ends of the differences that count as similar; None for claims without such.
+    """
+
+    claim: str
+    against: str
+    mark: str
+    verdict: str
+    state: str
+    size: str
+    text: str
+    numbers: str
+    corrected_by: str
+    value: float
+    low: float
+    high: float
+    corrected_low: float
+    corrected_high: float
+    margin: tuple[float, float] | None
+
+
+@dataclass(frozen=True)
+class VerdictRow:
+    """The verdicts on a representation.
+
+    Attributes:
+        representation: its name.
+        words: other settings of its agents.
+        verdicts: a cell for each claim against the first baseline, then against the next; None
+            where nothing was compared.
+    """
+
+    representation: str
+    words: str
+    verdicts: Sequence[VerdictCell | None]
+
+
+@dataclass(frozen=True)
 class VerdictMatrix:
     """Verdicts on representations that are compared with the same baselines.
 
     Attributes:
         baselines: names of the representations that are compared with.
         claims: what is said of each, by claim.
-        groups: by task and algorithm in words, a row for each representation. Its `verdicts` are
-            a cell for each claim against the first baseline, then against the next; a cell is None
-            where nothing was compared.
+        groups: by task and algorithm in words, a row for each representation.
     """
 
     baselines: Sequence[str]
     claims: Mapping[str, str]
-    groups: Mapping[str, Sequence[Mapping[str, Any]]]
+    groups: Mapping[str, Sequence[VerdictRow]]
 
     @property
     def row_count(self) -> int:
@@ -67,38 +120,55 @@ def _verdict_matrix(
 ) -> VerdictMatrix:
     """Returns the verdicts against some baselines; `scales` are widths of axes by claim."""
     claims = {claim: title for claim, title in COMPARED.items() if claim in {*verdicts["claim"]}}
-    keys = [(name, claim) for name in baselines for claim in claims]
-    groups: dict[str, list[dict[str, Any]]] = {}
+    groups: dict[str, list[VerdictRow]] = {}
     for _, group in verdicts.groupby("configuration", sort=False):
+        cells = {
+            (row["against"], row["claim"]): _cell(row, scales[row["claim"]])
+            for row in group.to_dict("records")
+        }
         first = group.iloc[0]
-        known = {(row["against"], row["claim"]): row for row in group.to_dict("records")}
-        shown = [_verdict(known[k], scales[k[1]]) if k in known else None for k in keys]
+        row = VerdictRow(
+            representation=first["representation"],
+            words=first["words"],
+            verdicts=[cells.get(place) for place in product(baselines, claims)],
+        )
         source = "" if first["source"] == OWN else first["source"]
         about = ", ".join(filter(None, (first["task"], first["algo"], source)))
-        row = {**first[["representation", "words"]], "verdicts": shown}
         groups.setdefault(about, []).append(row)
 
     return VerdictMatrix(baselines, claims, groups)
 
 
-def _verdict(row: Mapping[Any, Any], reach: float) -> dict[str, Any]:
-    """Returns a verdict with the places of its intervals on a small axis, 120 wide."""
+def _cell(row: Mapping[Any, Any], reach: float) -> VerdictCell:
+    """Returns the cell of a row of the frame of verdicts; the axis ends at a difference `reach`."""
 
     def at(value: float) -> float:
         return round(60 + 56 * float(np.nan_to_num(np.clip(value / (reach or 1), -1, 1))), 1)
 
-    value, low, high = (rounded(row[name]) for name in ("value", "low", "high"))
-    interval = f" [{low}, {high}]" if np.isfinite([row["low"], row["high"]]).all() else ""
-    enough = row["seeds"] >= DECIDING_SEEDS and np.isfinite(row["corrected_low"])
-    undecided = "undecided" if enough else "too few seeds"
-    ends = ("value", "low", "high", "corrected_low", "corrected_high")
-    places = {name: at(row[name]) for name in ends}
-    return {
-        **row,
-        **places,
-        "verdict": undecided if row["verdict"] == "undecided" else row["verdict"],
-        "size": "" if np.isnan(row["value"]) else value,
-        "numbers": f"uncorrected: {value}{interval}, {row['seeds']} seeds",
-        "state": _STATES.get(row["mark"], "for" if row["verdict"] == "similar" else "open"),
-        "margin": (at(-MARGIN), at(MARGIN)) if row["claim"] == "a" else None,
-    }
+    difference = rounded(row["value"])
+    interval = ""
+    if np.isfinite([row["low"], row["high"]]).all():
+        interval = f" [{rounded(row['low'])}, {rounded(row['high'])}]"
+
+    verdict = row["verdict"]
+    has_enough_seeds = row["seeds"] >= DECIDING_SEEDS and np.isfinite(row["corrected_low"])
+    if verdict == "undecided" and not has_enough_seeds:
+        verdict = "too few seeds"
+
+    return VerdictCell(
+        claim=row["claim"],
+        against=row["against"],
+        mark=row["mark"],
+        verdict=verdict,
+        state=_STATES.get(row["mark"], "for" if row["verdict"] == "similar" else "open"),
+        size="" if np.isnan(row["value"]) else difference,
+        text=row["text"],
+        numbers=f"uncorrected: {difference}{interval}, {row['seeds']} seeds",
+        corrected_by=row["corrected_by"],
+        value=at(row["value"]),
+        low=at(row["low"]),
+        high=at(row["high"]),
+        corrected_low=at(row["corrected_low"]),
+        corrected_high=at(row["corrected_high"]),
+        margin=(at(-MARGIN), at(MARGIN)) if row["claim"] == "a" else None,
+    )

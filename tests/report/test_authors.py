@@ -70,7 +70,7 @@ def test_representations_without_a_common_baseline_have_tables_of_their_own(fabr
 
     assert [list(matrix.baselines) for matrix in matrices] == [["full"], ["raw"]]
     rows = [[row for group in matrix.groups.values() for row in group] for matrix in matrices]
-    assert {row["representation"] for row in rows[0]} == {"dae12", "planar", "pca12"}
-    assert [row["words"] for row in rows[1]] == ["an encoder per agent", "one encoder"]
+    assert {row.representation for row in rows[0]} == {"dae12", "planar", "pca12"}
+    assert [row.words for row in rows[1]] == ["an encoder per agent", "one encoder"]
     for matrix, shown in zip(matrices, rows, strict=True):
-        assert {len(row["verdicts"]) for row in shown} == {len(matrix.claims)}  # one baseline
+        assert {len(row.verdicts) for row in shown} == {len(matrix.claims)}  # one baseline

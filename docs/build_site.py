@@ -85,7 +85,8 @@ def columns_of_tables() -> str:
 def shipped_runs(directory: Path) -> str:
     """Writes the report of the shipped runs; returns the page that leads to it."""
     report = [sys.executable, "-m", "jbench", "report", "--results", "reference", "--claims"]
-    subprocess.run([*report, "--format", "svg", "--out", directory], check=True, stdout=sys.stderr)
+    report += ["--format", "svg", "--out", directory.name]  # which the page prints
+    subprocess.run(report, cwd=directory.parent, check=True, stdout=sys.stderr)
     return RESULTS_PAGE.format(verdicts=(directory / "tables" / "verdicts.md").read_text("utf-8"))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from jbench.errors import WorkError
-from jbench.names import HEURISTIC, TASKS
+from jbench.names import HEURISTIC, REFERENCE, TASKS, is_reference
 from jbench.report.analysis.claims import examine_solving
 from jbench.report.analysis.findings import Finding
 from jbench.report.data.configuration import Configuration, in_order
@@ -98,8 +98,20 @@ def findings(
     missing = [name for name in (TASKS if task is None else (task,)) if name not in returns]
     if not missing:
         return rows, []
-    command = with_results(f"jbench evaluate {HEURISTIC} --task {missing[0]}", results)
-    return rows, [f"Claim (h) is not tested on {', '.join(missing)}: type `{command}`."]
+    return rows, [
+        f"Claim (h) is not tested on {', '.join(missing)}: {_how_to_test(missing, results)}."
+    ]
+
+
+def _how_to_test(missing: Sequence[str], results: Path) -> str:
+    """Returns what to type so that claim (h) is tested on these tasks."""
+    evaluate = f"jbench evaluate {HEURISTIC} --task {missing[0]}"
+    others = ", and the same for the other tasks" if len(missing) > 1 else ""
+    if is_reference(results):  # nothing is written there
+        copy, report = f"jbench merge {REFERENCE}", "jbench report --claims"
+        return f"type `{copy}`, `{evaluate}`{others}, then `{report}`"
+
+    return f"type `{with_results(evaluate, results)}`{others}"
 
 
 def hand_written_returns(tables: Mapping[str, pd.DataFrame]) -> dict[str, FloatArray]:

@@ -108,7 +108,9 @@ def provenance_frame(runs: pd.DataFrame) -> pd.DataFrame:
     """Returns the different values of each recorded name over all runs, with numbers of runs."""
     pairs = [pair for named in runs["provenance"] for pair in named.items() if pair[0] != "command"]
     counted = pd.DataFrame(pairs, columns=["name", "value"])
-    return counted.value_counts(["name", "value"], sort=False).reset_index(name="runs")
+    counts = counted.value_counts(["name", "value"], sort=False).reset_index(name="runs")
+    order = pd.factorize(counts["name"])[0]  # all values of a name together
+    return counts.iloc[np.argsort(order, kind="stable")].reset_index(drop=True)
 
 
 @lru_cache(maxsize=10_000)

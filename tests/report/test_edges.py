@@ -1,6 +1,8 @@
 """Tests of the report on unusual results: few seeds, unequal lengths, NaN, untrusted values."""
 
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -78,6 +80,17 @@ def test_heuristics_are_judged_by_longest_evaluation_on_unchanged_robot(fabric):
     assert row["effect"] == 955
     (note,) = [note for note in found(fabric).notes if "Claim (h)" in note]
     assert "not tested on move_from_origin, move_in_direction" in note
+    assert "`jbench evaluate heuristic --task move_from_origin --results" in note
+
+
+def test_what_to_type_for_the_shipped_results_writes_into_others(fabric):
+    fabric.run(FLAT)
+    fabric.results.name = Path("reference")
+    (note,) = [note for note in found(fabric).notes if "Claim (h)" in note]
+    merge, evaluate, report = re.findall("`(.*?)`", note)
+    assert merge == "jbench merge reference"
+    assert evaluate == "jbench evaluate heuristic --task move_from_origin"
+    assert report == "jbench report --claims"
 
 
 def test_invalid_settings_and_provenance_are_tolerated(fabric):

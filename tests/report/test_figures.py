@@ -3,6 +3,7 @@
 import itertools
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -13,7 +14,7 @@ from matplotlib.figure import Figure
 from jbench.names import ENCODER_KINDS, kind_in
 from jbench.report import style
 from jbench.report.encoders import PREDICTED
-from jbench.report.figures import charts
+from jbench.report.figures import charts, shares
 from jbench.report.figures.chart import Panel
 from jbench.report.figures.curves import drawn_points
 from jbench.report.frames import Frames
@@ -242,6 +243,18 @@ def test_long_titles_and_large_returns_are_written_whole(fabric):
     # matplotlib would write 1e9 over the title.
     assert axes.yaxis.get_offset_text().get_text() == ""
     assert "2000000000" in [label.get_text() for label in axes.get_yticklabels()]
+
+
+@pytest.mark.parametrize("columns", [None, 2, 1])
+def test_percentages_of_sixteen_configurations_stay_in_their_cells(columns):
+    names = [f"TD3 dae12-observation-whitened{i:02d}" for i in range(16)]
+    rows = pd.DataFrame(itertools.permutations(names, 2), columns=["a_label", "b_label"])
+    rows = rows.assign(a=rows["a_label"], p=1.0, decided=True, task="face_direction", steps=1000)
+    figure = shares.pairs(SimpleNamespace(pairs=rows)).figure(columns)
+    (axes,) = figure.axes
+    width = axes.bbox.width / 16
+    assert max(text.get_window_extent().width for text in axes.texts) < width
+    assert max(text.get_window_extent().width for text in axes.get_xticklabels()) < width
 
 
 def test_svg_of_a_page_has_no_style_no_double_id_and_a_title_for_each_mark(fabric):

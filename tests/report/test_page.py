@@ -307,6 +307,17 @@ def test_watched_page_reloads_itself_and_links_no_files(fabric, opened, tmp_path
 
 
 @pytest.mark.slow
+def test_panels_to_unfold_are_as_wide_as_others_and_named_once(shipped_page, opened):
+    figure = opened(shipped_page).page.locator("#encoders")
+    figure.evaluate("(figure) => (figure.closest('details').open = true)")
+    figure.locator(".more > summary").click()
+    first, *_, last = (panel.bounding_box()["width"] for panel in figure.locator(".panel").all())
+    assert last == first
+    named = figure.page.locator("#predictions .more > summary").text_content().split("; ")
+    assert len(named) == len(set(named))
+
+
+@pytest.mark.slow
 def test_legends_have_the_marks_that_are_drawn(shipped_page, opened):
     figure = opened(shipped_page).page.locator("#predictions")
     pairs = figure.locator(".legend path").evaluate_all(

@@ -9,7 +9,8 @@ from jbench.report.data.curves import CURVE
 
 def expected(ends, row):
     """Returns the effect and the ends of its interval, worked out from the ends of curves."""
-    claim, (task, algo, representation, *_) = row["claim"], row["compared"].split()
+    claim, (task, name, representation, *_) = row["claim"], row["compared"].split()
+    algo = name.lower()
     ours = ends.loc[row["source"], task, algo, representation]
     if claim == "g":
         return [*ours[["median", "q10", "q90"]]]

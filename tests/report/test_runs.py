@@ -3,10 +3,11 @@
 import json
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from jbench.report.frames import Frames
-from jbench.report.runs import provenance
+from jbench.report.runs import provenance, provenance_frame
 
 
 @pytest.fixture
@@ -48,6 +49,17 @@ def test_run_without_episodes_is_in_no_configuration(found):
     assert "The run face_direction/r0004 (unfinished) has no episodes yet." in found.notes
     assert runs.loc[0, "configuration"] == runs.loc[1, "configuration"] != ""
     assert runs["final"].isna().to_dict() == {0: False, 1: True, 2: True, 3: True}
+
+
+def test_values_of_a_name_stand_together_in_the_order_in_which_names_come():
+    recorded = [{"cores": "2", "torch": "2.12"}, {"cores": "1", "torch": "2.12"}, {"numpy": "2"}]
+    rows = provenance_frame(pd.DataFrame({"provenance": recorded}))
+    assert rows.values.tolist() == [
+        ["cores", "2", 1],
+        ["cores", "1", 1],
+        ["torch", "2.12", 2],
+        ["numpy", "2", 1],
+    ]
 
 
 def test_provenance_of_any_content_is_read():

@@ -23,7 +23,7 @@ _ROOM = 0.09  # of the height of a panel, between words beside it
 _TIPS = 12  # points of a curve that have a tip, if it has too many for markers
 # A mark that only has a tip: its corners, since a circle would take 200 bytes.
 UNSEEN: Any = {"marker": [(-1, -1), (1, 1)], "facecolors": "none"}
-_LONGEST = 34  # characters of a name beside a panel
+_LONGEST = 36  # characters of a name beside a panel
 _BEFORE = 6
 _AFTER = 3  # characters around what differs in long names
 

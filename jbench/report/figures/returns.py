@@ -49,15 +49,15 @@ def forest(frames: Frames) -> Chart | None:
             height = 0.55 + marks.ROW * len(known)
             panels.append(Panel(f"{task}: variability", {"": draw}, (5.2, height)))
 
-    note = "large mark: interquartile mean, 95% interval; dots: seeds"
+    note = "large mark: interquartile mean with 95% interval; dots: seeds"
     if seeds["episode_sd"].notna().any():
         note += " ± 2 standard errors"
     if rows["published"].notna().any():
         note += "; |: published training return"
     if len(frames.baselines):
-        note += "; diamonds: 10 to 90% of episodes"
+        note += "; hollow diamond: median and 10 to 90% of a policy's episodes"
     if rows["beside"].any():
-        note += "; hollow s: may be 0"
+        note += "; hollow mark of variability: its interval begins at 0"
 
     return Chart("returns", "Final returns", note, panels, looks, data="configurations", **ROWS)
 
@@ -109,7 +109,7 @@ def _draw_variability(rows: pd.DataFrame, axes: Axes, *, looks: Looks) -> None:
     ends = rows["s_high"][np.isfinite(rows["s_high"])]
     widest = min(float(ends.max()), 3 * float(ends.median()))
     highest = max(1.0, 1.2 * float(rows["s"].max()), widest)
-    axes.set(xlim=(-0.02 * highest, highest), xlabel="s, standard deviation")
+    axes.set(xlim=(-0.02 * highest, highest), xlabel="s, standard deviation between agents")
 
 
 def comparisons(frames: Frames) -> Chart | None:

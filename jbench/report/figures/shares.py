@@ -16,6 +16,12 @@ from jbench.statistics.bootstrap import DECIDING_SEEDS
 
 _PROFILES = 6  # lines that can be told apart
 _TARGET = "#d00000"
+# Widths in font sizes: a letter of a name, a cell with room for "16", and for a bold "100". A panel
+# is as many times as wide as its axes before they are placed.
+_PANEL = 1.25
+_LETTER = 0.56
+_COLUMN = 1.6
+_HUNDRED = 2.35
 
 
 def pairs(frames: Frames) -> Chart:
@@ -42,7 +48,11 @@ def _draw_pairs(rows: pd.DataFrame, axes: Axes) -> None:
     numbered = [f"{i}. {name}" for i, name in enumerate(marks.shortened(names), 1)]
     numbers = [str(i) for i in range(1, len(names) + 1)]
     cells.draw_cells(axes, shares, numbered, numbers)
-    size = mpl.rcParams["font.size"] * min(0.9, 10.5 / len(names))  # "100" fits into a cell
+    usual = mpl.rcParams["font.size"]
+    panel = _PANEL * axes.bbox.width * 72 / axes.figure.dpi / usual
+    width = (panel - _LETTER * max(map(len, numbered))) / len(names)  # of a cell
+    axes.tick_params("x", labelsize=usual * min(1, width / _COLUMN))
+    size = usual * min(0.9, width / _HUNDRED)
     for row in rows.to_dict("records"):
         weight = "bold" if row["decided"] else "normal"
         cells.write_cell(axes, shares, row["a_label"], row["b_label"], weight=weight, size=size)

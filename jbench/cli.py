@@ -83,8 +83,8 @@ app = typer.Typer(
     cls=_Root,
     help="The Jitterbug problem: one motor, five tasks, full or reduced-order observations, "
     "and the tasks of other robots.",
-    epilog="The commands collect, train-dae, train --encoder dae12 and report, in this order, are "
-    "the paper's experiment on one task; --steps and --seeds make it shorter.",
+    epilog="The commands collect, train-dae, train, train --encoder dae12 and report, in this "
+    "order, are the paper's experiment on one task; --steps and --seeds make it shorter.",
     invoke_without_command=True,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",

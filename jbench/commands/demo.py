@@ -98,5 +98,6 @@ def demo(
         "better.\n"
         f"Open {results / 'report' / 'index.html'} in a browser. The paper's experiment on one "
         "task takes days:\n"
-        "  jbench collect && jbench train-dae && jbench train --encoder dae12 && jbench report"
+        "  jbench collect && jbench train-dae && jbench train && jbench train --encoder dae12 && "
+        "jbench report"
     )

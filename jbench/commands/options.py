@@ -184,7 +184,8 @@ FILES = _threads(help="Number of records checked at a time (0: one per core).")
 FINAL_EPISODES = Option(
     None,
     min=1,
-    help="Episodes of a run's last evaluation (default: 100, or as many as it trains, if fewer).",
+    help="Episodes of a run's last evaluation (default: 100, or as many as it trains, if fewer; "
+    "with the default evaluations of a run of less than 200 episodes, half as many).",
 )
 AUGMENT = Option(None, min=0, help="Seed of an augmented robot (default: the plain robot).")
 DATASET = Option(

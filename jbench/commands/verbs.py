@@ -72,6 +72,18 @@ class Verb:
         )
 
 
+PLACEHOLDERS = {
+    "--augment": "SEED",
+    "--checkpoint-every": "SECONDS",
+    "--from": "FORMAT",
+    "--gpus-per-task": "GPUS",
+    "--seed-from": "REGEX",
+    "--since": "DATE",
+    "--window": "EPISODES",
+}
+"""Placeholders of the values of flags whose last word says something else."""
+
+
 @cache
 def _docstrings(module: str) -> dict[str, str]:
     """Returns the docstrings of the functions of a module of jbench.commands."""
@@ -156,5 +168,6 @@ def _with_placeholders(parameters: list[Any]) -> list[Any]:
         if getattr(parameter, "is_flag", False):
             parameter.metavar = ""
         elif parameter.metavar is None:
-            parameter.metavar = parameter.opts[0].rpartition("-")[2].upper()
+            flag = parameter.opts[0]
+            parameter.metavar = PLACEHOLDERS.get(flag, flag.rpartition("-")[2].upper())
     return parameters

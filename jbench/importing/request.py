@@ -44,20 +44,20 @@ class ImportRequest(Labels):
         "run of W&B; its first group, or the whole match",
     )
     tag: str | None = Field(
-        None, description=f"tensorboard: tag with the returns (default: {in_prose(TAGS)})"
+        None, description=f"tag with the returns, of tensorboard (default: {in_prose(TAGS)})"
     )
     steps_column: str | None = Field(
         None,
-        description=f"csv: column with the control steps (default: {in_prose(STEPS)}; wandb-csv: "
-        "the first column)",
+        description="column with the control steps, of csv (default: "
+        f"{in_prose(STEPS)}) or wandb-csv (default: the first column)",
     )
     return_column: str | None = Field(
         None,
-        description=f"csv: column with the returns (default: {in_prose(RETURN)}); wandb-csv: the "
-        "metric",
+        description="column with the returns, of csv (default: "
+        f"{in_prose(RETURN)}) or wandb-csv (the metric)",
     )
     seed_column: str | None = Field(
-        None, description="csv: column with the seed, instead of --seed-from (default: seed)"
+        None, description="column with the seed, of csv, instead of --seed-from (default: seed)"
     )
     returns: ReturnsName | None = Field(
         None,

@@ -14,6 +14,7 @@ from typer.main import get_command
 from jbench import __version__
 from jbench.cli import app, main
 from jbench.commands import parsing
+from jbench.commands.verbs import PLACEHOLDERS
 from jbench.recording.request import record
 from jbench.store import Results
 from jbench.studies.matrix import read_matrix
@@ -276,6 +277,15 @@ def test_flags_have_no_placeholder(run_command):
     for arguments in (("--help",), ("runs", "--help")):
         code, out, _ = run_command(*arguments)
         assert (code, "<bool>" in out, "--help" in out) == (0, False, True)
+
+
+def test_placeholders_are_of_options_and_say_what_to_type(run_command):
+    _, out, _ = run_command("sweep", "--help")
+    assert re.search(r"--gpus-per-task +GPUS", out)
+    assert re.search(r"--checkpoint-every +SECONDS", out)
+    commands = get_command(app).commands.values()
+    flags = {flag for command in commands for option in command.params for flag in option.opts}
+    assert {*PLACEHOLDERS} <= flags
 
 
 WORKS = """

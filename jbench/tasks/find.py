@@ -140,7 +140,7 @@ def _suite_task(name: str) -> DmTask:
     if importlib.util.find_spec("dm_control") is None:
         raise RequestError(
             f"{name} needs dm-control, which pip can't install on Python 3.13 and later (labmaze "
-            "has no wheel there); use Python 3.11 or 3.12, or a task of the Jitterbug."
+            "has no wheel there); use Python 3.11 or 3.12, or a task of the Jitterbug or Gymnasium."
         )
 
     from dm_control import suite

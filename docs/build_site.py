@@ -24,15 +24,19 @@ SITE = ROOT / "build" / "site"
 
 RESULTS_PAGE = """# The shipped runs
 
-jbench ships its own runs. `jbench report --results reference --claims` wrote [their whole
-report](reference/index.html). `report.md` and `claims.md` explain it; `answer-details.md` lists the
-commands that trained the runs on reduced observations.
+jbench comes with its own runs. `jbench report --results reference --claims` wrote [their
+report](reference/index.html), of which these are the main parts:
+
+- [Does reduction help?](reference/index.html#reduction) Verdicts on each representation; a click on
+  a verdict shows its numbers.
+- [Final returns](reference/index.html#returns) of each seed, with intervals, and the same [as a
+  table](reference/index.html#table-final_returns).
+- [Runs](reference/index.html#table-runs). A click on a run shows its curve, settings and origin.
+
+`report.md` and `claims.md` explain the report. `answer.md` says what the runs show, and
+`answer-details.md` lists the commands that trained the runs on reduced observations.
 
 ![Learning curves of the shipped runs by representation](reference/figures/representations.svg)
-
-## Does reduction help?
-
-{verdicts}
 """
 
 
@@ -46,7 +50,8 @@ def main() -> None:
     (pages / "contributing.md").write_text((ROOT / "CONTRIBUTING.md").read_text("utf-8"), "utf-8")
     (pages / "commands.md").write_text(command_reference(), "utf-8")
     (pages / "tables.md").write_text(columns_of_tables(), "utf-8")
-    (pages / "results.md").write_text(shipped_runs(pages / "reference"), "utf-8")
+    (pages / "results.md").write_text(RESULTS_PAGE, "utf-8")
+    write_report(pages / "reference")
     titles = {page.name: title_of(page) for page in pages.glob("*.md")}
     for page in pages.glob("*.md"):
         page.write_text(linked(page.read_text("utf-8"), titles), "utf-8")
@@ -68,7 +73,10 @@ def command_reference() -> str:
         [*typer, "--title", "Command reference"], check=True, capture_output=True, text=True
     ).stdout
     # The list of commands shortens each sentence; the table of contents has all names.
-    return re.sub(r"\*\*Commands\*\*:\n\n(\* .*\n)+\n", "", text)
+    text = re.sub(r"\*\*Commands\*\*:\n\n(\* .*\n)+\n", "", text)
+    for verb in ("train-agent",):  # an older name, which the help leaves out
+        text = re.sub(rf"(?s)## `jbench {verb}`\n.*?(?=\n## )\n", "", text)
+    return re.sub(r"(?m)^Example: (jbench .*)$", r"Example: `\1`", text)
 
 
 def columns_of_tables() -> str:
@@ -82,12 +90,11 @@ def columns_of_tables() -> str:
     return text
 
 
-def shipped_runs(directory: Path) -> str:
-    """Writes the report of the shipped runs; returns the page that leads to it."""
+def write_report(directory: Path) -> None:
+    """Writes the report of the shipped runs."""
     report = [sys.executable, "-m", "jbench", "report", "--results", "reference", "--claims"]
     report += ["--format", "svg", "--out", directory.name]  # which the page prints
     subprocess.run(report, cwd=directory.parent, check=True, stdout=sys.stderr)
-    return RESULTS_PAGE.format(verdicts=(directory / "tables" / "verdicts.md").read_text("utf-8"))
 
 
 def title_of(page: Path) -> str:

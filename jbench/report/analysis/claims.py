@@ -22,6 +22,7 @@ from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, seed_scores
 from jbench.report.data.configuration import Configuration, differing_in
 from jbench.report.data.scores import Scores
 from jbench.report.numbers import ratio, rounded, signed, steps, whole
+from jbench.settings.algorithms import display_name
 from jbench.settings.recorded import comparable
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
@@ -148,7 +149,7 @@ def examine(
             # Two variants are compared only with the first one of the other algorithm.
             if named and (other is firsts[other.algo] or ppo is firsts[ppo.algo]):
                 for claim in "ef":
-                    yield _on_pair(claim, Pair(other, ppo), _ON_POLICY)
+                    yield _on_pair(claim, Pair(other, ppo), display_name(_ON_POLICY))
 
     for config in plain:
         if config.has_solved_return:
@@ -259,7 +260,7 @@ def _on_gain(harder: Pair, easier: Pair) -> Finding:
     )
     seeds = min(harder.seeds, easier.seeds)
     untested = _no_gain_to_compare(scores)
-    words = ", ".join(filter(None, (harder.ours.algo, harder.ours.words)))
+    words = ", ".join(filter(None, (display_name(harder.ours.algo), harder.ours.words)))
     returns, source, _, remark = _common(*harder.sides)
     *_, other = _common(*easier.sides)
 

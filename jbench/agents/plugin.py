@@ -4,7 +4,6 @@ A package registers an agent by an entry point of the group `jbench.agents`, nam
 `jbench train --algo`, and whose value is its class.
 """
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
@@ -12,9 +11,8 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor, nn
+from torch import nn
 
-from jbench.errors import WorkError
 from jbench.settings.base import Settings
 
 
@@ -142,60 +140,3 @@ class Agent(ABC):
 def is_resumable(kind: type[Agent]) -> bool:
     """Returns whether a class of agents has `state` and `restore`."""
     return kind.state is not Agent.state and kind.restore is not Agent.restore
-
-
-def pack(value: Any, tensors: dict[str, Tensor], where: str = "state()") -> Any:
-    """Returns a value as JSON; adds copies of its tensors and arrays to `tensors`, on the CPU.
-
-    What `Agent.state` may not return is a WorkError, which names it as `where`.
-    """
-    if value is None or isinstance(value, bool | int | str):
-        return value
-    if isinstance(value, float) and not isinstance(value, np.generic):
-        return value if math.isfinite(value) else {"float": str(value)}
-
-    if isinstance(value, Mapping):
-        pairs = [
-            [pack(key, tensors, where), pack(item, tensors, f"{where}[{key!r}]")]
-            for key, item in value.items()
-        ]
-        return {"dict": pairs}
-
-    if isinstance(value, list | tuple):
-        kind = "list" if isinstance(value, list) else "tuple"
-        return {kind: [pack(item, tensors, f"{where}[{i}]") for i, item in enumerate(value)]}
-
-    name = str(len(tensors))
-    if isinstance(value, Tensor):
-        tensors[name] = value.detach().cpu().clone().contiguous()
-        return {"tensor": name}
-    if isinstance(value, np.ndarray | np.generic) and value.dtype.kind in "biuf":
-        tensors[name] = torch.from_numpy(np.array(value, order="C"))
-        return {"array" if isinstance(value, np.ndarray) else "number": name}
-
-    raise WorkError(
-        f"{where} of the agent is a {type(value).__name__}, which can't be saved: return tensors, "
-        "arrays, numbers, texts, lists and dictionaries."
-    )
-
-
-def unpack(node: Any, tensors: Mapping[str, Tensor]) -> Any:
-    """Returns the value that `pack` was given."""
-    if not isinstance(node, dict):
-        return node
-
-    ((kind, content),) = node.items()
-    if kind == "float":
-        return float(content)
-    if kind == "dict":
-        return {unpack(key, tensors): unpack(item, tensors) for key, item in content}
-    if kind in ("list", "tuple"):
-        items = [unpack(item, tensors) for item in content]
-        return items if kind == "list" else tuple(items)
-
-    tensor = tensors[content].clone()
-    if kind == "tensor":
-        return tensor
-
-    array = tensor.numpy()
-    return array if kind == "array" else array[()]

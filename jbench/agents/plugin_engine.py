@@ -12,7 +12,8 @@ from torch import Tensor, nn
 
 from jbench.agents.engine import CPU, Engine, divergent_loss
 from jbench.agents.environments import Environments, SeedState, StepResult
-from jbench.agents.plugin import Agent, EnvironmentSpec, Transition, is_resumable, pack, unpack
+from jbench.agents.packing import pack, unpack
+from jbench.agents.plugin import Agent, EnvironmentSpec, Transition, is_resumable
 from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.names import TimeLimit
 from jbench.policies.actors import copy_module

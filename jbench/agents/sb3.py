@@ -16,7 +16,7 @@ from stable_baselines3.common.type_aliases import TrainFrequencyUnit
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecNormalize
 from torch import nn
 
-from jbench.agents.algorithms import find_class
+from jbench.agents.find import find_class
 from jbench.errors import RequestError
 from jbench.policies.actors import UnsupportedPolicyError, copy_module, normalization
 from jbench.policies.layers import Clip, Scale, Shift

@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 import torch
 
-from jbench.agents.algorithms import algorithm_fields, describe_settings, find_class
+from jbench.agents.algorithms import algorithm_fields, describe_settings
 from jbench.agents.algorithms import settings_class as class_of_settings
 from jbench.agents.batched.make import make_engine
 from jbench.agents.batched.rule import Rule
 from jbench.agents.ending_environments import environments_class
 from jbench.agents.engine import Engine
 from jbench.agents.environments import SeedState
+from jbench.agents.find import find_class
 from jbench.agents.plugin_engine import PluginEngine
 from jbench.checks.checked import NamedCheck, NotableError
 from jbench.errors import WorkError

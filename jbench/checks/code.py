@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 from jbench import plugins
-from jbench.agents.algorithms import installed
 from jbench.agents.batched.rule import Rule
+from jbench.agents.find import installed
 from jbench.agents.plugin import Agent
 from jbench.checks import agents, encoders, policies, tasks
 from jbench.checks.checked import Checked, NamedCheck, attempt

@@ -25,10 +25,11 @@ def algorithms(
     """List the installed algorithms with their settings."""
     from jbench import plugins
     from jbench.agents import algorithms as known
+    from jbench.agents.find import algorithm_provenance, installed
 
     def describe(algorithm: str) -> _Entry:
         ours = algorithm in ALGORITHMS
-        code = plugins.made_with("jbench") if ours else known.algorithm_provenance(algorithm)
+        code = plugins.made_with("jbench") if ours else algorithm_provenance(algorithm)
         return {
             "name": algorithm,
             "description": known.description(algorithm),
@@ -55,7 +56,7 @@ def algorithms(
         "settings": "settings",
     }
     hint = "jbench algorithms NAME explains the settings of one; --set changes them."
-    _list("algorithm", (*ALGORITHMS, *known.installed()), describe, columns, hint)
+    _list("algorithm", (*ALGORITHMS, *installed()), describe, columns, hint)
 
 
 def tasks(

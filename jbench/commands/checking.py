@@ -162,7 +162,7 @@ def reproduce(
     The parts are its last evaluation and its first training episodes.
     """
     os.environ.update(names.ONE_THREAD)  # as in training, before libraries are imported
-    from jbench.policies.find import SHIPPED
+    from jbench.policies.located import SHIPPED
     from jbench.settings.recorded import recorded_episode_steps
     from jbench.store.code import have_changed
     from jbench.store.provenance import describe_changes

@@ -132,7 +132,7 @@ def _policy(
         if importlib.util.find_spec(package) is None:
             raise RequestError(f"--format onnx needs {package}: type pip install 'jbench[onnx]'.")
 
-    from jbench.policies.find import locate_run
+    from jbench.policies.located import locate_run
     from jbench.policies.onnx_export import export_onnx
     from jbench.policies.saved import load_agent
     from jbench.store.files import check_output
@@ -142,8 +142,9 @@ def _policy(
     if out is not None:
         check_output(out)
 
-    located, id = locate_run(database, name)
-    agent = load_agent(located, id, accept_changed)
+    located = locate_run(database, name)
+    id = located.id
+    agent = load_agent(located.results, id, accept_changed)
     in_si_units = find_task(agent.task).units is not None if inputs is None else inputs == "si"
     path = out or database.path / "onnx" / f"{id}.onnx"
     difference = export_onnx(agent, id, path, in_si_units)

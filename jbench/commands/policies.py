@@ -30,9 +30,9 @@ def evaluate(
     **chosen: Any,
 ) -> None:
     """Run episodes of any policy and save their returns."""
+    from jbench.policies.code import changed_code, policy_code, policy_provenance
     from jbench.policies.evaluate import evaluate as run_episodes
     from jbench.policies.evaluate import plan_evaluation
-    from jbench.policies.find import changed_code, policy_code, policy_provenance
     from jbench.policies.sb3_zip import is_sb3_zip
     from jbench.settings.base import validated
     from jbench.sources import checksum
@@ -105,7 +105,8 @@ def render(
     from jbench.opengl import choose_backend
 
     choose_backend()
-    from jbench.policies.find import changed_code, find_policy
+    from jbench.policies.code import changed_code
+    from jbench.policies.find import find_policy
     from jbench.rendering.episode import Scene
     from jbench.rendering.write import default_size, render_to_file
     from jbench.tasks.find import find_task
@@ -191,7 +192,7 @@ def _find(
 
 def database_and_policy(results: Path, policy: str) -> tuple["Results", str]:
     """Returns writable results, and the policy's name: reference/ID with `--results reference`."""
-    from jbench.policies.find import SHIPPED
+    from jbench.policies.located import SHIPPED
 
     if not names.is_reference(results):
         return parsing.results_to_write(results), policy

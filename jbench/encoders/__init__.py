@@ -1,7 +1,8 @@
 """Encoders: reduced-order representations of an observation, and their training."""
 
 from jbench.encoders.find import encoder_code, find_draws, find_encoder
-from jbench.encoders.saved import Encoder, LoadedEncoder, load_encoder
+from jbench.encoders.load import LoadedEncoder, load_encoder
+from jbench.encoders.saved import Encoder
 from jbench.encoders.wrapper import action_signs, on_observations
 
 __all__ = [

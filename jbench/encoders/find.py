@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from jbench import plugins
+from jbench.encoders.load import load_encoder
 from jbench.encoders.registry import code_provenance, kind_names
 from jbench.encoders.representations import named_encoder, without_options
-from jbench.encoders.saved import load_encoder
 from jbench.encoders.settings import EncoderSettings
 from jbench.errors import RequestError, WorkError
 from jbench.names import in_prose

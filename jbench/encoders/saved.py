@@ -1,33 +1,23 @@
 """The encoder protocol, and saved encoders."""
 
-import json
 from collections.abc import Sequence
-from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
-import safetensors.numpy
 import torch
 from numpy.typing import NDArray
-from safetensors import SafetensorError
 from torch import Tensor
 
 from jbench.arrays import Array
 from jbench.encoders.kind import Kind, Weights
-from jbench.encoders.registry import code_provenance, make_kind
 from jbench.encoders.scaling import Scaling
-from jbench.errors import RequestError, WorkError
-from jbench.names import ENCODER_KINDS, closest, kind_in
-from jbench.store import Record, Results
-from jbench.store.code import ChangedCodeError, check_code
-from jbench.store.provenance import shell_command
-from jbench.store.shipped import results_to_read
-from jbench.wording import with_results
 
 DESCRIPTION = "encoder.json"
+
 WEIGHTS = "encoder.safetensors"
 
 _GAIN = "observation.gain"
+
 _OFFSET = "observation.offset"  # of the scaling, beside the weights
 
 
@@ -124,89 +114,3 @@ class SavedEncoder:
             self._columns[batch.device] = torch.from_numpy(columns).to(batch.device)
 
         return batch.index_select(-1, self._columns[batch.device])
-
-
-class LoadedEncoder(NamedTuple):
-    """A finished encoder and what its record says about it.
-
-    Attributes:
-        encoder: maps observations to latents.
-        description: its `kind`, `options`, `task` and number of `latents`; names of the `features`
-            that it encodes, and the `minimum` and `maximum` that are scaled to -1 and 1.
-    """
-
-    encoder: Encoder
-    description: dict[str, Any]
-
-
-def load_encoder(
-    results: Results | Path | str, id: str, accept_changed: bool = False
-) -> LoadedEncoder:
-    """Returns a finished encoder and its description.
-
-    Raises:
-        RequestError: if the encoder does not exist or is unfinished, or the code of its kind has
-            changed, unless that is accepted.
-        WorkError: if its files are damaged or invalid.
-    """
-    results = results_to_read(results)
-    record = results.find("encoder", id)
-    if record is None:
-        raise _no_encoder(results, id)
-
-    if record.status != "finished":
-        command = shell_command(record.manifest.provenance)
-        raise RequestError(f"The encoder {id} is unfinished; repeat `{command}` to finish it.")
-
-    try:
-        return _read(record, accept_changed)
-    except ChangedCodeError:
-        raise
-    except (SafetensorError, LookupError, ValueError, TypeError, AttributeError) as error:
-        raise WorkError(f"The encoder {id} can't be read ({error}); train it again.") from None
-
-
-def _no_encoder(results: Results, id: str) -> RequestError:
-    """Returns the error for an encoder that does not exist: those that do, or how to make one."""
-    ids = [record.id for record in results.scan("encoder")[0] if record.status == "finished"]
-    if ids:
-        there = f"there are {', '.join(ids)}"
-    else:
-        command = with_results("jbench train-dae", results.name)
-        there = f"there is none yet: run {command}, or jbench train-encoder for another kind"
-
-    typed = kind_in(id)
-    meant = closest(typed, [*ENCODER_KINDS])
-    hint = f"did you mean {meant}? " if meant not in (None, typed) and "/" not in id else ""
-    return RequestError(
-        f"No encoder {id} in {results.name}; {hint}{there}. A kind with a number of latents, "
-        "such as dae12, selects the newest one."
-    )
-
-
-def _read(record: Record, accept_changed: bool) -> LoadedEncoder:
-    """Returns the encoder of a finished record; raises errors of any type for damaged files."""
-    description = json.loads(record.read_file(DESCRIPTION))
-    arrays = safetensors.numpy.load(record.read_file(WEIGHTS))
-
-    size = len(description["features"])
-    scaling = Scaling(
-        minimum=np.array(description["minimum"], np.float32),
-        maximum=np.array(description["maximum"], np.float32),
-    )
-    if scaling.minimum.shape != (size,) or scaling.maximum.shape != (size,):
-        raise ValueError("a scaling of another size")
-
-    # Version 1 did not save options, which affected only the training.
-    kind = make_kind(description["kind"], description.get("options", {}))
-    if not accept_changed:
-        check_code(record, code_provenance(description["kind"]))
-
-    encoder = SavedEncoder(
-        kind,
-        weights={name: np.asarray(value, np.float32) for name, value in arrays.items()},
-        scaling=scaling,
-        latents=description["latents"],
-        is_observed=description.get("is_observed"),
-    )
-    return LoadedEncoder(encoder, description)

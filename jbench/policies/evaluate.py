@@ -7,7 +7,8 @@ import numpy as np
 import pyarrow as pa
 
 from jbench.errors import RequestError
-from jbench.policies.find import find_policy, policy_provenance
+from jbench.policies.code import policy_provenance
+from jbench.policies.find import find_policy
 from jbench.settings.records import EvaluationSettings
 from jbench.store import Record, Results, schema
 from jbench.store.code import is_known

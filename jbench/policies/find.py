@@ -8,7 +8,6 @@ working directory as MODULE:NAME. A policy is an `Actor`, or an object with `act
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from difflib import get_close_matches
 from functools import partial
 from importlib.metadata import EntryPoint
 from typing import Any, NamedTuple
@@ -20,21 +19,18 @@ from jbench import plugins
 from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.names import HEURISTIC, POLICIES, POLICY_NAMES, REFERENCE, closest
 from jbench.policies.actors import acting
-from jbench.policies.saved import agent_code, has_policy, load_agent
-from jbench.policies.sb3_zip import is_sb3_zip, read_sb3_zip, zip_content
+from jbench.policies.located import SHIPPED, locate_run
+from jbench.policies.saved import load_agent
+from jbench.policies.sb3_zip import is_sb3_zip, read_sb3_zip
 from jbench.settings.recorded import Run, read_run
 from jbench.store import Results
-from jbench.store.code import changed_files, changed_since, code_hash
-from jbench.store.files import sha256
-from jbench.store.shipped import LEFT_OUT, shipped_results
 from jbench.tasks.find import find_task
 from jbench.tasks.task import Act
 
-SHIPPED = f"{REFERENCE}/"
-"""Prefix of the names of shipped policies; the id of the run follows."""
-
 _OURS = (*POLICIES, REFERENCE)
+
 _CONSTANT = "constant:"
+
 _NUMBER = re.compile(r"-?(\d+\.?\d*|\.\d+)(e-?\d+)?", re.ASCII | re.IGNORECASE)
 
 
@@ -165,10 +161,10 @@ def full_name(results: Results, name: str) -> FullName:
     can't be read.
     """
     if "/" in name and not is_sb3_zip(name):
-        located, id = locate_run(results, name)
-        record = located.find("run", id)
+        run = locate_run(results, name)
+        record = run.results.find("run", run.id)
         prefix = SHIPPED if name.startswith(SHIPPED) else ""
-        return FullName(f"{prefix}{id}", None if record is None else read_run(record.settings))
+        return FullName(f"{prefix}{run.id}", None if record is None else read_run(record.settings))
 
     if name.startswith(_CONSTANT):
         _constant(name)
@@ -178,90 +174,3 @@ def full_name(results: Results, name: str) -> FullName:
         raise RequestError(f"Unknown policy {name!r}; {hint} {POLICY_NAMES}.")
 
     return FullName(name, None)
-
-
-def changed_code(results: Results, name: str) -> str | None:
-    """Returns a checksum of the present code of a run's policy if its recorded code is another.
-
-    It is None for an unchanged one, and for policies that are not of a run.
-    """
-    if "/" not in name or is_sb3_zip(name):
-        return None
-
-    located, id = locate_run(results, name)
-    record = located.find("run", id)
-    if record is None:
-        return None
-
-    now = agent_code(located, record)
-    encoder = record.settings.get("encoder")
-    kept = None if encoder is None else located.find("encoder", encoder)
-    changed = changed_since(record, now)
-    if kept is not None and not changed:
-        before = {f"encoder_{key}": value for key, value in kept.manifest.provenance.items()}
-        changed = changed_files(before, now)
-
-    return code_hash(now) if changed else None
-
-
-def policy_provenance(name: str) -> dict[str, Any]:
-    """Returns provenance of the code of a policy of a user; {} for the others."""
-    if not is_imported_policy(name):
-        return {}
-    return plugins.provenance("policy", name, offered_policies())
-
-
-def policy_code(name: str) -> str | None:
-    """Returns what identifies the code of a policy that is not jbench's; None for the others.
-
-    It is name and version of its package, or the first 16 digits of the SHA-256 of its file.
-    """
-    if is_sb3_zip(name):
-        return sha256(zip_content(name))[:16]
-    made_with = policy_provenance(name)
-    checksum = made_with.get("source_sha256")
-    return checksum[:16] if checksum else made_with.get("package")
-
-
-def shipped_policies() -> list[str]:
-    """Returns the names of all policies shipped with jbench."""
-    runs = shipped_results().scan("run")[0]
-    return sorted(f"{SHIPPED}{run.id}" for run in runs if has_policy(run))
-
-
-class LocatedRun(NamedTuple):
-    """The run of a policy: the results that hold it, and its whole id."""
-
-    results: Results
-    id: str
-
-
-def locate_run(results: Results, name: str) -> LocatedRun:
-    """Returns the run of a policy.
-
-    The name is the beginning of an id, after "reference/" for a shipped run.
-
-    Raises a RequestError if the name is no id, or that of no shipped policy or of several runs.
-    """
-    if not name.startswith(SHIPPED):
-        return LocatedRun(results, results.complete_id("run", name))
-
-    names = shipped_policies()
-    matches = [shipped for shipped in names if shipped.startswith(name)]
-    if len(matches) == 1:
-        return LocatedRun(shipped_results(), matches[0].removeprefix(SHIPPED))
-
-    if matches:
-        raise RequestError(
-            f"{name} is not unique; type one of {', '.join(matches)} "
-            "(jbench runs --results reference shows how they differ)."
-        )
-
-    runs = shipped_results().scan("run", name.removeprefix(SHIPPED))[0]
-    if any(run.left_out for run in runs):
-        raise RequestError(f"The policy of {name} {LEFT_OUT}.")
-
-    same = [shipped for shipped in names if shipped.startswith(f"{name.rpartition('/')[0]}/")]
-    choices = same or sorted(get_close_matches(name, names, 3)) or names
-    instead = f"type one of {', '.join(choices)}" if names else "this version of jbench ships none"
-    raise RequestError(f"No policy is shipped as {name}; {instead}.")

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from jbench.agents.algorithms import algorithm_provenance
+from jbench.agents.find import algorithm_provenance
 from jbench.encoders import encoder_code
 from jbench.encoders.registry import code_provenance
 from jbench.settings.records import ExternalSettings

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from jbench.agents.algorithms import find_class, hyperparameters
+from jbench.agents.algorithms import hyperparameters
 from jbench.agents.batched.engine import BatchedEngine
 from jbench.agents.batched.make import make_engine
 from jbench.agents.ending_environments import environments_class
+from jbench.agents.find import find_class
 from jbench.agents.plugin_engine import PluginEngine
 from jbench.agents.trainer import Trainer
 from jbench.cores import cores

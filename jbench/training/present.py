@@ -48,7 +48,7 @@ def other_code(records: Iterable[Record]) -> Iterator[OtherCode]:
 
 def _at_hand(record: Record) -> dict[str, Any]:
     # These import torch and MuJoCo, which records without users' code do not need.
-    from jbench.agents import algorithms
+    from jbench.agents.find import installed
     from jbench.encoders.registry import offered_kinds
     from jbench.policies.find import offered_policies
     from jbench.tasks import find
@@ -59,7 +59,7 @@ def _at_hand(record: Record) -> dict[str, Any]:
     for key, value in plugins.files_at_hand(task, find.installed_tasks()).items():
         found[f"task_{key}"] = value
     if record.kind == "run":
-        found |= plugins.files_at_hand(str(settings.get("algo")), algorithms.installed())
+        found |= plugins.files_at_hand(str(settings.get("algo")), installed())
     elif record.kind == "encoder":
         found |= plugins.files_at_hand(str(settings.get("kind")), offered_kinds())
     elif record.kind == "evaluation":

@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Literal, NamedTuple
 
-from jbench.agents.algorithms import find_class
+from jbench.agents.find import find_class
 from jbench.agents.plugin import Agent, is_resumable
 from jbench.errors import RequestError, WorkError
 from jbench.names import EVALUATION_EPISODES, KeepState, evaluation_interval

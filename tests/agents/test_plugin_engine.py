@@ -11,7 +11,7 @@ from torch import nn
 
 import jbench
 from jbench.agents.ending_environments import environments_class
-from jbench.agents.plugin import pack, unpack
+from jbench.agents.packing import pack, unpack
 from jbench.agents.plugin_engine import PluginEngine
 from jbench.errors import WorkError
 from jbench.policies.actors import UnsupportedPolicyError

@@ -10,7 +10,8 @@ from torch import nn
 
 from jbench.errors import RequestError, WorkError
 from jbench.policies.actors import acting
-from jbench.policies.find import find_policy, is_imported_policy, policy_code
+from jbench.policies.code import policy_code
+from jbench.policies.find import find_policy, is_imported_policy
 from jbench.settings.records import EvaluationSettings
 from jbench.store import Results
 

@@ -10,6 +10,7 @@ import pytest
 from benchmarks import ship_reference
 from jbench.cli import main
 from jbench.policies import find
+from jbench.policies.located import shipped_policies
 from jbench.policies.saved import has_policy
 from jbench.settings.base import settings_hash
 from jbench.settings.records import EvaluationSettings
@@ -125,7 +126,7 @@ def test_shipped_policy_equals_policy_of_run(
 ):
     shorten_episodes(monkeypatch.setattr)
     cell = f"reference/face_direction/td3/{representation}/s00"
-    (name,) = [policy for policy in find.shipped_policies() if policy.startswith(cell)]
+    (name,) = [policy for policy in shipped_policies() if policy.startswith(cell)]
     assert find.full_name(Results(shipped()), cell).name == name
     assert find.full_name(Results(shipped()), name[:-4]).name == name
     shutil.copytree(demo_results.path, tmp_path / "own")
@@ -149,7 +150,7 @@ def test_shipped_policy_equals_policy_of_run(
     ],
 )
 def test_ambiguous_name_is_refused_with_choices(database, name, message, refused):
-    there = ", ".join(find.shipped_policies())
+    there = ", ".join(shipped_policies())
     assert message.format(name, there) in refused("evaluate", name)
 
 

@@ -22,8 +22,8 @@ _TOGETHER = 50
 
 _Progress = Callable[[int], None]
 
-
 _FREE = ("episodes", "seed", "states", "target_yaw", "augment")
+"""Settings in which evaluations of one policy may differ; see `planned`."""
 
 
 def evaluation_code(task: str, policy: str) -> dict[str, Any]:
@@ -49,10 +49,19 @@ def evaluate(
     """Runs and saves the episodes of a policy, unless they have been saved before.
 
     An episode that can't go on fails the evaluation, which keeps those that ended. Each episode has
-    its own generator for pose and target. The random policy is seeded; all others
-    are deterministic. `progress` is called with the control steps done, over all episodes; the name
-    of the policy may be a path. Raises a RequestError if there is no such policy for this task, and
-    a WorkError if another process is running this evaluation, or it can't be written.
+    its own generator for pose and target. The random policy is seeded; all others are
+    deterministic.
+
+    Args:
+        settings: of the evaluation, whose id they determine.
+        results: with the run of the policy; they get the record.
+        threads: number of threads that step the robots.
+        progress: called with the control steps done, over all episodes.
+        name: of the policy, if it is not that in the settings, such as the path of a file.
+
+    Raises:
+        RequestError: if there is no such policy for this task.
+        WorkError: if another process is running this evaluation, or it can't be written.
     """
     named = name or settings.policy
     is_accepted = settings.accepted is not None

@@ -78,7 +78,7 @@ def sweep(
 
     A matrix has tasks, algorithms, representations and seeds.
     """
-    from jbench.commands import training
+    from jbench.commands import sweep_status, training
     from jbench.commands.deciding import decide, seeds_to_compare
     from jbench.commands.run_checks import check_runs
     from jbench.sweeps.cell import all_runs, matrix_cells
@@ -121,7 +121,7 @@ def sweep(
         failures = {} if dry_run else train(cells)
         count = len(all_runs(cells))
         title = f"{matrix}: {counted(count, 'run')}"
-        document = training.show_status(title, cells, database, at_once, train_on, times=dry_run)
+        document = sweep_status.show(title, cells, database, at_once, train_on, times=dry_run)
         document |= _missing_and_failed(cells, database, failures)
 
     output.document({"matrix": matrix, **document})

@@ -66,7 +66,7 @@ def train(
 ) -> None:
     """Train agents, one run per seed; finished runs are skipped."""
     from jbench.agents.algorithms import choose_engine
-    from jbench.commands import training
+    from jbench.commands import sweep_status, training
     from jbench.commands.run_checks import check_runs
     from jbench.sweeps.executors import Local, default_jobs
     from jbench.training.code import plan_runs
@@ -104,7 +104,7 @@ def train(
     title = counted(len(runs), "run")
     if dry_run:
         most = min(at_once, len(runs))
-        output.document(training.show_status(title, cells, database, most, train_on, times=True))
+        output.document(sweep_status.show(title, cells, database, most, train_on, times=True))
         return
 
     worker = training.worker_options(keep, final_episodes, checkpoint_every)

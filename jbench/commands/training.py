@@ -1,10 +1,10 @@
-"""What train and sweep have in common: training with its progress, and tables."""
+"""What train and sweep have in common: training with its progress, and what is said afterwards."""
 
 import sys
 from collections.abc import Callable, Sequence, Sized
 from contextlib import ExitStack, redirect_stdout
 from functools import partial
-from typing import Any, get_args
+from typing import Any
 
 from jbench.commands import output
 from jbench.commands.training_view import TrainingView
@@ -16,17 +16,10 @@ from jbench.store import Results
 from jbench.store.evaluations import added_returns
 from jbench.store.run_line import line_with_returns
 from jbench.sweeps.cell import Cell, all_runs, is_finished, missing_encoders
-from jbench.sweeps.cell_status import cell_statuses, seconds_left
 from jbench.sweeps.scheduler import Executor, sweep
 from jbench.training.events import Event, Note, Warned
-from jbench.training.status import (
-    RunState,
-    failures_among,
-    new_beginnings,
-    run_status,
-    run_statuses,
-)
-from jbench.wording import are, counted, duration, with_results
+from jbench.training.status import failures_among, run_statuses
+from jbench.wording import are, counted, with_results
 
 
 def worker_options(
@@ -183,82 +176,3 @@ def show_missing(cells: Sequence[Cell], results: Results) -> list[str]:
         output.say(f"Trained first: the {noun} {', '.join(encoder.id for encoder in encoders)}.")
 
     return [*(dataset.id for dataset in datasets), *(encoder.id for encoder in encoders)]
-
-
-def _of_arm(cell: Cell) -> dict[str, Any]:
-    """Returns what tells the arms of a matrix apart, beside task, algorithm and representation.
-
-    Columns: part (its name), encoders (whether agents share one, or each has its own), changed
-    (hyperparameters that the matrix changes).
-    """
-    shares = "one" if cell.runs[0].encoder_draws is None else "each"
-    row: dict[str, Any] = {"encoders": shares if cell.encoders else None}
-    if cell.arm is None:
-        return {**row, "part": None, "changed": None}
-    changes = cell.arm.part.hyperparameters.get(cell.algo, {})
-    changed = ", ".join(f"{name}={value}" for name, value in changes.items())
-    return {**row, "part": cell.arm.part.name, "changed": changed or None}
-
-
-def _row(cell: Cell) -> dict[str, Any]:
-    """Returns the settings of a cell that the table or the JSON of its status names."""
-    first = cell.runs[0]
-    cell_fields = ("task", "algo", "representation", "settings")
-    run_fields = ("encoder", "precision", "time_limit", "steps")
-    return {
-        **{name: getattr(cell, name) for name in cell_fields},
-        **{name: getattr(first, name) for name in run_fields},
-        "environments": first.parallel,
-        "runs": [run.id for run in cell.runs],
-        **_of_arm(cell),
-    }
-
-
-def show_status(
-    title: str, cells: Sequence[Cell], results: Results, jobs: int, device: str, times: bool
-) -> dict[str, Any]:
-    """Prints how many seeds are finished, and perhaps the time left; returns it for JSON."""
-    statuses = cell_statuses(cells, results, jobs, device, quick=times)
-    rows = []
-    left = seconds_left(statuses, jobs)
-    for status in statuses:
-        counts = status._asdict()
-        rows.append(_row(counts.pop("cell")) | counts)
-
-    if_varied = (
-        "part",
-        "encoders",
-        "settings",
-        "changed",
-        "precision",
-        "environments",
-        "time_limit",
-        "steps",
-    )
-    varied = (name for name in if_varied if len({row[name] for row in rows}) > 1)
-    states = (state for state in get_args(RunState) if any(row[state] for row in rows))
-    header = ["task", "algo", "representation", *varied, *states]
-
-    def time(seconds: float | None) -> str:
-        return "unknown" if seconds is None else duration(seconds)
-
-    values = ([row[name] for name in header] for row in rows)
-    texts = [[f"{v:,}" if isinstance(v, int) else v or "" for v in row] for row in values]
-    if times:
-        header.extend(("time left", "estimated from"))
-        for line, row in zip(texts, rows, strict=True):
-            line.append(time(row["seconds_left"]) if row["steps_left"] else "")
-            line.append(row["estimate"])
-        every = all_runs(cells)
-        missing = [run for run in every if run_status(run, results).state == "missing"]
-        for sentence in new_beginnings(missing, results):
-            output.say(sentence)
-
-    output.table(title, header, texts, spare=("estimated from",))
-    if times and any(status.steps_left for status in statuses):
-        failed = ", the failed runs included" if any(status.failed for status in statuses) else ""
-        until = " until each configuration has a finished run" if left is None else failed
-        processes = counted(jobs, "process", "processes")
-        output.say(f"Time left with {processes} at a time: {time(left)}{until}.")
-
-    return {"configurations": rows, "seconds_left": left}

@@ -11,16 +11,15 @@ from jbench.commands.progress import LastReturns, Meters, sparkline
 from jbench.settings.run import RunSettings
 from jbench.training.events import (
     EpisodeEnded,
-    Event,
     Finished,
     LastEvent,
-    Note,
     ProcessEnded,
     ProcessStarted,
     Progress,
+    ProgressEvent,
     Resumed,
+    RunEvent,
     TrainingBegan,
-    Warned,
 )
 from jbench.wording import counted
 
@@ -42,28 +41,17 @@ class TrainingView(Meters):
         self._making: dict[str, TaskID] = {}
         self._processes: dict[str, _Process] = {}
 
-    def show(self, event: Event) -> None:
-        """Shows an event of a sweep that is no sentence."""
+    def show(self, event: ProgressEvent) -> None:
+        """Draws an event of a sweep."""
         match event:
             case Progress():
                 self._show_progress(event)
             case TrainingBegan():
                 self._begin(event.runs)
             case ProcessStarted():
-                process = _Process(event.runs)
-                steps = _steps(event.runs)
-                process.task = self.add_task(
-                    process.name, total=steps, unit="steps", warming_up=True
-                )
-                for run in event.runs:
-                    self._processes[run.id] = process
+                self._add_process(event.runs)
             case ProcessEnded():
-                self.print_lines()
-                self.remove_task(self._processes[event.runs[0].id].task)
-                for run in event.runs:
-                    del self._processes[run.id]
-            case Note() | Warned():
-                raise ValueError("a sentence is not shown here")
+                self._remove_process(event.runs)
             case _:
                 self._update(event)
 
@@ -84,11 +72,27 @@ class TrainingView(Meters):
         count = self._count_ended()
         self._all = self.add_task(count, total=_steps(runs), unit="steps", warming_up=True)
 
+    def _add_process(self, runs: Sequence[RunSettings]) -> None:
+        """Draws a line of a process that trains runs."""
+        process = _Process(runs)
+        process.task = self.add_task(
+            process.name, total=_steps(runs), unit="steps", warming_up=True
+        )
+        for run in runs:
+            self._processes[run.id] = process
+
+    def _remove_process(self, runs: Sequence[RunSettings]) -> None:
+        """Removes the line of a process that has trained runs."""
+        self.print_lines()
+        self.remove_task(self._processes[runs[0].id].task)
+        for run in runs:
+            del self._processes[run.id]
+
     def _count_ended(self) -> str:
         """Returns how many runs have ended, in words."""
         return f"{len(self._ended)} of {counted(len(self._runs), 'run')} ended"
 
-    def _update(self, event: Resumed | EpisodeEnded | LastEvent) -> None:
+    def _update(self, event: RunEvent) -> None:
         """Draws what an event tells of one run."""
         run = self._runs[event.run]
         process = self._processes.get(event.run)

@@ -85,7 +85,8 @@ class Note:
 
 
 LastEvent = Finished | Failed | Held
-WorkerEvent = Resumed | EpisodeEnded | LastEvent | Note
+RunEvent = Resumed | EpisodeEnded | LastEvent
+WorkerEvent = RunEvent | Note
 
 
 @dataclass(frozen=True)
@@ -126,7 +127,10 @@ class ProcessEnded:
     runs: Sequence[RunSettings]
 
 
-Event = WorkerEvent | Warned | Progress | TrainingBegan | ProcessStarted | ProcessEnded
+ProgressEvent = RunEvent | Progress | TrainingBegan | ProcessStarted | ProcessEnded
+"""What a display draws; the other events are sentences."""
+
+Event = ProgressEvent | Note | Warned
 
 Report = Callable[[Event], object]
 

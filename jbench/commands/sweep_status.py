@@ -1,0 +1,171 @@
+"""What is finished of a sweep, and how long the rest takes: a table and entries of a document."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, get_args
+
+from jbench.commands import output
+from jbench.store import Results
+from jbench.sweeps.cell import Cell, all_runs
+from jbench.sweeps.cell_status import CellStatus, cell_statuses, seconds_left
+from jbench.training.status import RunState, new_beginnings, run_status
+from jbench.wording import counted, duration
+
+_SHOWN_IF_VARIED = (
+    "part",
+    "encoders",
+    "settings",
+    "changed",
+    "precision",
+    "environments",
+    "time_limit",
+    "steps",
+)
+"""Fields of a line that are columns of the table if they differ between lines."""
+
+
+@dataclass(frozen=True)
+class ConfigurationLine:
+    """A configuration of a sweep, with its settings, numbers of seeds and the time left.
+
+    Attributes:
+        settings: source of the hyperparameters.
+        encoder: id of the encoder of the first run, if there is one.
+        steps: planned control steps of each run.
+        environments: number in parallel, if it is not the default of the algorithm.
+        runs: ids.
+        encoders: whether agents share `one` encoder or `each` has its own; None without encoders.
+        part: name of the part of the matrix; None for runs of `jbench train`.
+        changed: hyperparameters that the matrix changes, in words; None if there are none.
+        finished, unfinished, failed, missing: numbers of seeds.
+        steps_left, seconds_left, estimate, evaluating: see `CellStatus`.
+    """
+
+    task: str
+    algo: str
+    representation: str
+    settings: str
+    encoder: str | None
+    precision: str
+    time_limit: str
+    steps: int
+    environments: int | None
+    runs: list[str]
+    encoders: str | None
+    part: str | None
+    changed: str | None
+    finished: int
+    unfinished: int
+    failed: int
+    missing: int
+    steps_left: int
+    seconds_left: float | None
+    estimate: str
+    evaluating: float
+
+
+def show(
+    title: str, cells: Sequence[Cell], results: Results, jobs: int, device: str, times: bool
+) -> dict[str, Any]:
+    """Prints how many seeds of each configuration are finished, and returns it for JSON.
+
+    Args:
+        title: of the table.
+        cells: the configurations.
+        results: that have the finished runs.
+        jobs: number of processes at a time.
+        device: that of the batched engine.
+        times: whether to print the time left, too. Algorithms without a similar finished run are
+            then measured, which takes seconds.
+    """
+    statuses = cell_statuses(cells, results, jobs, device, quick=times)
+    lines = [_line(status) for status in statuses]
+    left = seconds_left(statuses, jobs)
+
+    header = _header(lines)
+    rows = [[_text(getattr(line, name)) for name in header] for line in lines]
+    if times:
+        header += ["time left", "estimated from"]
+        for row, line in zip(rows, lines, strict=True):
+            row += [_time(line.seconds_left) if line.steps_left else "", line.estimate]
+
+        missing = [run for run in all_runs(cells) if run_status(run, results).state == "missing"]
+        for sentence in new_beginnings(missing, results):
+            output.say(sentence)
+
+    output.table(title, header, rows, spare=("estimated from",))
+    if times and any(line.steps_left for line in lines):
+        output.say(_sentence_on_time_left(lines, left, jobs))
+
+    return {"configurations": [asdict(line) for line in lines], "seconds_left": left}
+
+
+def _line(status: CellStatus) -> ConfigurationLine:
+    """Returns the line of a cell."""
+    cell = status.cell
+    first = cell.runs[0]
+    encoders = None
+    if cell.encoders:
+        encoders = "one" if first.encoder_draws is None else "each"
+
+    part = None
+    changed = ""
+    if cell.arm is not None:
+        part = cell.arm.part.name
+        changes = cell.arm.part.hyperparameters.get(cell.algo, {})
+        changed = ", ".join(f"{name}={value}" for name, value in changes.items())
+
+    return ConfigurationLine(
+        task=cell.task,
+        algo=cell.algo,
+        representation=cell.representation,
+        settings=cell.settings,
+        encoder=first.encoder,
+        precision=first.precision,
+        time_limit=first.time_limit,
+        steps=first.steps,
+        environments=first.parallel,
+        runs=[run.id for run in cell.runs],
+        encoders=encoders,
+        part=part,
+        changed=changed or None,
+        finished=status.finished,
+        unfinished=status.unfinished,
+        failed=status.failed,
+        missing=status.missing,
+        steps_left=status.steps_left,
+        seconds_left=status.seconds_left,
+        estimate=status.estimate,
+        evaluating=status.evaluating,
+    )
+
+
+def _header(lines: Sequence[ConfigurationLine]) -> list[str]:
+    """Returns the fields that the table shows: what differs, and the states that seeds are in."""
+    varied = [n for n in _SHOWN_IF_VARIED if len({getattr(line, n) for line in lines}) > 1]
+    states = [state for state in get_args(RunState) if any(getattr(line, state) for line in lines)]
+    return ["task", "algo", "representation", *varied, *states]
+
+
+def _text(value: str | int | None) -> str:
+    """Returns a field as the table shows it."""
+    return f"{value:,}" if isinstance(value, int) else value or ""
+
+
+def _time(seconds: float | None) -> str:
+    """Returns a time left as the table shows it."""
+    return "unknown" if seconds is None else duration(seconds)
+
+
+def _sentence_on_time_left(
+    lines: Sequence[ConfigurationLine], seconds: float | None, jobs: int
+) -> str:
+    """Returns the sentence on the time that all configurations take together."""
+    processes = counted(jobs, "process", "processes")
+    included = ""
+    if seconds is None:
+        included = " until each configuration has a finished run"
+    elif any(line.failed for line in lines):
+        included = ", the failed runs included"
+
+    return f"Time left with {processes} at a time: {_time(seconds)}{included}."

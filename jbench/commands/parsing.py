@@ -50,9 +50,10 @@ def run_filters(
 ) -> dict[str, Collection[Any]]:
     """Returns the allowed values by field of a run's line; None allows every value.
 
-    The representation `planar` is every size of this kind. Raises a RequestError if a value is
-    known neither to jbench nor to a run of the results.
+    The name of a kind, such as `planar`, means each representation of this kind. Raises a
+    RequestError if a value is known neither to jbench nor to a run of the results.
     """
+    from jbench.report.request import representations_meant
     from jbench.store.listing import setting_values
 
     filters: dict[str, Collection[Any]] = {} if status is None else {"status": [status]}
@@ -62,13 +63,15 @@ def run_filters(
     for setting, value in typed.items():
         if value is None:
             continue
-        sizes = []
-        if setting == "representation":
-            value = names.FULL if value.lower() in names.NO_ENCODER else value
-            held = setting_values(results, setting)
-            sizes = [name for name in held if names.kind_in(name) == value]
 
-        filters[setting] = sizes or [known_or_held(setting, value, [results])]
+        meant = []
+        if setting == "representation":
+            held = setting_values(results, setting)
+            of_kind = [name for name in held if names.kind_in(name) == value]
+            meant = of_kind or representations_meant(value, held)
+            value = names.FULL if value.lower() in names.NO_ENCODER else value
+
+        filters[setting] = meant or [known_or_held(setting, value, [results])]
 
     return filters
 

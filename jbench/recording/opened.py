@@ -12,21 +12,13 @@ import pandas as pd
 import pyarrow.compute as pc
 
 from jbench.errors import NothingYetError
-from jbench.names import (
-    FULL,
-    NO_ENCODER,
-    RETURNS,
-    Order,
-    ReturnsName,
-    in_prose,
-    shown_representation,
-)
+from jbench.names import RETURNS, Order, ReturnsName, in_prose, shown_representation
 from jbench.report.configurations import seed_frame
 from jbench.report.data import sources
 from jbench.report.data.configuration import Configuration, with_returns
 from jbench.report.data.curves import QUANTILES, Curve
 from jbench.report.data.points import Part, long_frame
-from jbench.report.request import WINDOW, Request
+from jbench.report.request import WINDOW, Request, representations_meant
 from jbench.returns import last_evaluation_return
 from jbench.settings.base import validated
 from jbench.settings.recorded import Run, flatten, parse_run
@@ -195,8 +187,7 @@ class OpenedResults:
 def _with_representation(source: sources.Source, typed: str) -> sources.Source:
     """Returns the runs with a representation, by its whole name or the one that reports show."""
     known = sorted({str(name) for name in source.runs["representation"]})
-    wanted = FULL if typed in NO_ENCODER else typed
-    meant = [name for name in known if wanted in (name, shown_representation(name))]
+    meant = representations_meant(typed, known)
     if not meant:
         raise NothingYetError(
             f"There are no runs with the representation {typed!r}; there are "

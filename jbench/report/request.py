@@ -1,7 +1,7 @@
 """Request for a report."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal, Self
@@ -9,7 +9,15 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from jbench.errors import RequestError
-from jbench.names import FIGURE_FORMATS, FULL, NO_ENCODER, Order, ReturnsName, known
+from jbench.names import (
+    FIGURE_FORMATS,
+    FULL,
+    NO_ENCODER,
+    Order,
+    ReturnsName,
+    known,
+    shown_representation,
+)
 from jbench.settings.base import Settings
 
 WINDOW = 100  # episodes in a moving average (paper, Figures 8 and 9)
@@ -28,6 +36,16 @@ def setting(typed: str) -> tuple[str, str]:
     if name == "representation" and value in NO_ENCODER:
         value = FULL
     return name, value
+
+
+def representations_meant(typed: str, recorded: Iterable[str]) -> list[str]:
+    """Returns which of the recorded representations a user means by a name.
+
+    They are those of this whole name, such as planar12, and those that reports show by it, such as
+    planar. `none` is the full observation.
+    """
+    wanted = FULL if typed.lower() in NO_ENCODER else typed
+    return [name for name in recorded if wanted in (name, shown_representation(name))]
 
 
 def settings_typed(side: str) -> list[str]:

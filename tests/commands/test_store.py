@@ -29,7 +29,7 @@ def test_runs_are_listed_and_filtered(results, run_command, document):
     assert lines[0][2:4] == ["3", "3,000"]
     assert lines[2][2:6] == ["1", "1,000", "of", "3,000"]
     more = {"algo": "dqn", "task": "fly"}  # as another version may have recorded it
-    for seed, representation in enumerate(("planar12", "dae13", "dae4"), 10):
+    for seed, representation in enumerate(("planar12", "dae13", "dae4", "planar12-whitened"), 10):
         add_whole_run(results, seed=seed, representation=representation, **more)
     for options, seeds in (
         (("--algo", "sac"), [2]),
@@ -39,8 +39,10 @@ def test_runs_are_listed_and_filtered(results, run_command, document):
         # A known name without runs is not an error.
         (("--task", "move_to_pose"), []),
         (("--representation", "pca3"), []),
-        (("--task", "fly"), [10, 11, 12]),
-        (("--algo", "dqn", "--representation", "planar"), [10]),
+        (("--task", "fly"), [10, 11, 12, 13]),
+        (("--algo", "dqn", "--representation", "planar"), [10, 13]),
+        (("--algo", "dqn", "--representation", "planar12"), [10]),
+        (("--algo", "dqn", "--representation", "planar-whitened"), [13]),
         (("--algo", "dqn", "--representation", "dae"), [11, 12]),
         (("--algo", "dqn", "--representation", "dae4"), [12]),
     ):

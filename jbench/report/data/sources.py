@@ -15,12 +15,12 @@ import pyarrow.compute as pc
 from jbench.errors import NothingYetError, RequestError
 from jbench.importing.curves import as_imports, as_runs
 from jbench.importing.dialects import read_curves
-from jbench.names import REFERENCE, shown_representation
+from jbench.names import REFERENCE
 from jbench.report.data.build import build, usable_runs
 from jbench.report.data.configuration import Configuration, paper_order
 from jbench.report.data.points import PATHS, POINT, run_paths
 from jbench.report.data.source_names import FILE, IMPORTED, OWN
-from jbench.report.request import Request, setting, settings_typed
+from jbench.report.request import Request, representations_meant, setting, settings_typed
 from jbench.returns import EVALUATION
 from jbench.settings.code_words import encoder_words
 from jbench.settings.recorded import flatten, parse_run
@@ -232,20 +232,25 @@ def _have_settings(text: str, recorded: pd.Series) -> BoolArray:
         if not known:
             names = sorted({key for run in flat for key, _ in run})
             raise RequestError(f"No run has a setting {name!r}; there are {', '.join(names)}.")
-        meant = {(name, shown) for shown in known if _equal(value, shown)}
-        if not meant:
+        if name == "representation":
+            wanted = representations_meant(value, known)
+        else:
+            wanted = [shown for shown in known if _equal(value, shown)]
+        if not wanted:
             raise RequestError(f"No run has {part}; there are {', '.join(sorted(known))}.")
+
+        meant = {(name, shown) for shown in wanted}
         have &= [not meant.isdisjoint(run) for run in flat]
 
     return have
 
 
 def _equal(typed: str, value: str) -> bool:
-    """Returns whether a typed text means a value, such as 1e-4 for 0.0001, planar for planar12."""
+    """Returns whether a typed text means a value, such as 1e-4 for 0.0001."""
     try:
         return math.isclose(float(typed), float(value), rel_tol=1e-5)
     except ValueError:
-        return typed.replace(" ", "") in (value.replace(" ", ""), shown_representation(value))
+        return typed.replace(" ", "") == value.replace(" ", "")
 
 
 def _filtered(runs: pd.DataFrame, request: Request, strict: bool) -> tuple[pd.DataFrame, list[str]]:

@@ -27,9 +27,11 @@ from jbench.tasks.find import check_specs, find_task
 from jbench.tasks.task import Act
 from jbench.training.evaluation import derive_seeds, final_evaluation_episodes
 
-# Of a measurement of the speed.
 _STEPS = 300
+"""Control steps of a measurement of the speed without training."""
+
 _UPDATES = 40
+"""Updates of a measurement of the speed of training."""
 
 
 def make_trainer(
@@ -48,6 +50,7 @@ def make_trainer(
         from jbench.training.sb3_engine import SB3Engine  # takes a second to import
 
         return SB3Engine(settings, encoders[0], seeds[0])
+
     algorithm: Any = settings.algo if settings.algo in SETTINGS else find_class(settings.algo)
     values: Any = hyperparameters(settings)
     train_on = find_device(device)
@@ -61,11 +64,25 @@ def make_trainer(
         augment=lambda episode: settings.robot_seed(episode // settings.episodes_on_each),
         episode_steps=settings.episode_steps,
     )
-    options: dict[str, Any] = {"time_limit": settings.time_limit, "device": train_on}
     if settings.engine == "plugin":
-        return PluginEngine(settings.algo, algorithm, values, environments, **options)
-    options |= {"ofe": settings.ofe, "precision": settings.precision}
-    return make_engine(algorithm, values, environments, **options)
+        return PluginEngine(
+            settings.algo,
+            algorithm,
+            values,
+            environments,
+            time_limit=settings.time_limit,
+            device=train_on,
+        )
+
+    return make_engine(
+        algorithm,
+        values,
+        environments,
+        time_limit=settings.time_limit,
+        device=train_on,
+        ofe=settings.ofe,
+        precision=settings.precision,
+    )
 
 
 @contextmanager
@@ -103,6 +120,7 @@ def seconds_per_step(
     algorithm = hyperparameters(runs[0])
     if not isinstance(algorithm, AlgorithmSettings):
         raise WorkError(f"The speed of {settings.algo} is not measured.")
+
     idle = len(runs) * stepping(settings, device, clock)
     evaluating = evaluation_steps(settings) * idle
     count = settings.environments
@@ -113,12 +131,14 @@ def seconds_per_step(
     changed = {**settings.hyperparameters, **short.changes}
     measured = [run.model_copy(update={"hyperparameters": changed}) for run in runs]
     with make_trainer(measured, [None] * len(runs), device) as engine:
-        before, began = 0, clock()
+        before = 0
+        began = clock()
 
         def after_step(_: object) -> bool:
             nonlocal before, began
             if before < short.first < engine.control_steps:  # the first updates have been made
-                before, began = engine.control_steps, clock()
+                before = engine.control_steps
+                began = clock()
             # Whole rollouts, with the updates of each. If the first one is measured, its updates
             # end the training.
             return before == 0 or engine.control_steps < before + short.rollout

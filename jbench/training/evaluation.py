@@ -1,6 +1,7 @@
 """The encoder, the environment and the evaluations that follow from the settings of a run."""
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import gymnasium
@@ -16,7 +17,7 @@ from jbench.settings.records import ExternalSettings
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.tasks.find import find_task
-from jbench.tasks.task import PATH_EVERY, Act, RobotPath, episode_generator, rollout
+from jbench.tasks.task import PATH_EVERY, Act, RobotPath, Task, episode_generator, rollout
 from jbench.tasks.worlds import EpisodeError, Worlds
 
 FINAL_EPISODES = 100
@@ -130,36 +131,61 @@ def evaluate_policies(
     block = settings.evaluate_episodes
     if not block:
         return [Evaluation(np.zeros(0), np.zeros(0, np.int64), None) for _ in seeds]
+
     episodes = block if episodes is None else episodes
     generators = [episode_generator(seed, number) for seed in seeds]
     task = find_task(settings.task)
     augment = settings.augment
     if isinstance(settings, RunSettings):
         augment = settings.robot_seed(settings.robot_at(control_steps))
+
     if ENGINES[settings.engine].has_one_stream:
         block = 1
-        generators = [np.random.default_rng(*seeds)]
-        act_alone, act = act, lambda rows: act_alone(rows[0])[None]  # it may round by shape
-        with task.worlds(1) as worlds:
-            for _ in range(1 + number * settings.evaluate_episodes):
-                worlds.reset(generators)
+        (seed,) = seeds
+        generators = [_generator_after(task, seed, number * settings.evaluate_episodes)]
+        act = partial(_act_alone, act)
+
     blocks = []
     for done in range(0, episodes, block):
         count = min(block, episodes - done)
         with task.worlds(count * len(seeds), threads, augment) as worlds:
             blocks.append(_evaluations(worlds, generators, count, act))
+
     evaluations = []
     for parts in zip(*blocks, strict=True):
         returns = np.concatenate([part.returns for part in parts])
         lengths = np.concatenate([part.lengths for part in parts])
         failures = [part.failure for part in parts if part.failure is not None]
         evaluations.append(Evaluation(returns, lengths, parts[0].path, next(iter(failures), None)))
+
     return evaluations
+
+
+def _generator_after(task: Task, seed: int, episodes: int) -> np.random.Generator:
+    """Returns the only generator of a run after a number of evaluation episodes.
+
+    Each has drawn its initial state, and before the first one, a state was drawn as well.
+    """
+    generator = np.random.default_rng(seed)
+    with task.worlds(1) as worlds:
+        for _ in range(1 + episodes):
+            worlds.reset([generator])
+
+    return generator
+
+
+def _act_alone(act: Act, observations: NDArray[Any]) -> NDArray[Any]:
+    """Returns the action (1, action_size) for an observation (1, dim(O)) of a single robot.
+
+    The policy gets a vector, since it may round by shape.
+    """
+    return act(observations[0])[None]
 
 
 def _evaluations(
     worlds: Worlds, generators: Sequence[np.random.Generator], episodes: int, act: Act
 ) -> list[Evaluation]:
+    """Returns one evaluation for each generator, of episodes that are simulated side by side."""
     total = np.zeros(len(generators) * episodes)
     seen = worlds.reset([generator for generator in generators for _ in range(episodes)])
     points = [worlds.points()]
@@ -167,6 +193,7 @@ def _evaluations(
         total += transition.rewards
         if step % PATH_EVERY == 0:
             points.append(worlds.points())
+
     targets = worlds.targets()
     lengths = np.broadcast_to(worlds.lengths(), len(total))
     evaluations = []
@@ -178,4 +205,5 @@ def _evaluations(
         failure = worlds.failures[stopped[0]] if stopped else None
         mine = slice(first, first + episodes)
         evaluations.append(Evaluation(total[mine], lengths[mine], path, failure))
+
     return evaluations

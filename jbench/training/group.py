@@ -123,11 +123,14 @@ class TrainingGroup:
         return True
 
     def _restore(self) -> None:
+        """Continues all members from their checkpoints, which are at the same control step."""
         checkpoints = [m.checkpoint for m in self._members if m.checkpoint is not None]
         for index, (member, checkpoint) in enumerate(zip(self._members, checkpoints, strict=True)):
-            if (replay := self._engine.replay) is not None:
+            replay = self._engine.replay
+            if replay is not None:
                 row = checkpoint.replay_row
                 replay.restore(index, read_replay(member.record, row), row)
+
         self._engine.restore([checkpoint.state for checkpoint in checkpoints])
         if self._engine.cut is not None:
             self._note_cut(self._engine.cut)
@@ -175,6 +178,7 @@ class TrainingGroup:
             self._evaluate_active()
 
     def _evaluate_active(self) -> None:
+        """Evaluates the policies of all active members side by side, and adds the rows to logs."""
         self._fail_diverged(weights=True)
         if not (active := self._active()):
             return
@@ -203,11 +207,13 @@ class TrainingGroup:
         self._note_policies()
 
     def _note_policies(self) -> None:
+        """Remembers the policies that have just been evaluated."""
         if self._settings.evaluate_episodes:
             for index, member in self._active():
                 member.evaluated = self._engine.policy(index)
 
     def _save(self) -> None:
+        """Commits the rows and a checkpoint of each active member."""
         self._fail_diverged(weights=True)
         began = time.perf_counter()
         with part("checkpoints"):
@@ -223,25 +229,31 @@ class TrainingGroup:
         member.checkpoint = save(member.record, member.log, engine, index, only=only)
 
     def _end(self) -> None:
+        """Evaluates the last policies, unless they were, and finishes all active members."""
         self._fail_diverged(weights=True)
         steps = self._engine.control_steps
         if any(m.log.progress.last_evaluation < steps for _, m in self._active()):
             self._evaluate()
+
         self._share_processor_time()
         for index, member in self._active():
             member.log.commit()
-            facts = ENGINES[self._settings.engine]
-            is_same = member.evaluated is not None and facts.copies_round_alike
-            summary = member.log.summary(steps, evaluated=is_same)
-            policy = member.evaluated or self._engine.policy(index)
-            compact = self._compact_files(index, member)
-            whole = self._keep_state != "no" and not compact
-            member.record.finish(
-                {**summary, "together": self._sharing},
-                {} if policy is None else policy.files(),
-                keep=newest(member.record) if whole else (),
-                checkpoints=compact,
-            )
+            self._finish(index, member)
+
+    def _finish(self, index: int, member: Member) -> None:
+        """Finishes the record of a member, with its policy and the state that is to be kept."""
+        facts = ENGINES[self._settings.engine]
+        is_same = member.evaluated is not None and facts.copies_round_alike
+        summary = member.log.summary(self._engine.control_steps, evaluated=is_same)
+        policy = member.evaluated or self._engine.policy(index)
+        compact = self._compact_files(index, member)
+        whole = self._keep_state != "no" and not compact
+        member.record.finish(
+            {**summary, "together": self._sharing},
+            {} if policy is None else policy.files(),
+            keep=newest(member.record) if whole else (),
+            checkpoints=compact,
+        )
 
     def _compact_files(self, index: int, member: Member) -> dict[str, bytes]:
         """Returns the files of a compact state, by role, if it is asked for and can be kept."""
@@ -250,10 +262,8 @@ class TrainingGroup:
         if self._keep_state != "compact" or replay is None or checkpoint is None:
             return {}
         if (reason := reason_for_whole_state(member.record)) is not None:
-            sentence = (
-                f"The state of {member.settings.id} is kept with its replay buffer: {reason}."
-            )
-            self._report(Note(sentence))
+            what = f"The state of {member.settings.id} is kept with its replay buffer"
+            self._report(Note(f"{what}: {reason}."))
             return {}
         return compact_files(checkpoint, member.record, replay, index)
 

@@ -108,16 +108,28 @@ class RunLog:
             }
             self._add("evaluations", steps, row)
         if path is not None:
-            target = {f"target_{name}": path.target.get(name) for name in ("x", "y", "yaw")}
-            where = {"run": self._record.id, "evaluation": number, "control_steps": steps, **target}
-            points = [
-                {**where, "time": n * PATH_EVERY * CONTROL_TIMESTEP, "x": x, "y": y, "heading": yaw}
-                for n, (x, y, yaw) in enumerate(path.points.tolist())
-            ]
-            first = self._paths.filter(pc.field("evaluation") == 0)
-            latest = pa.Table.from_pylist(points, schema.PATHS)
-            self._paths = self._before["paths"] = pa.concat_tables([first, latest])
+            self._set_latest_path(path, steps)
+
         self._advance(evaluations=number + 1, last_evaluation=steps)
+
+    def _set_latest_path(self, path: RobotPath, steps: int) -> None:
+        """Replaces the latest path, but not that of the first evaluation."""
+        names = {
+            "run": self._record.id,
+            "evaluation": self.progress.evaluations,
+            "control_steps": steps,
+            "target_x": path.target.get("x"),
+            "target_y": path.target.get("y"),
+            "target_yaw": path.target.get("yaw"),
+        }
+        points = [
+            {**names, "time": n * PATH_EVERY * CONTROL_TIMESTEP, "x": x, "y": y, "heading": yaw}
+            for n, (x, y, yaw) in enumerate(path.points.tolist())
+        ]
+        first = self._paths.filter(pc.field("evaluation") == 0)
+        latest = pa.Table.from_pylist(points, schema.PATHS)
+        self._paths = pa.concat_tables([first, latest])
+        self._before["paths"] = self._paths
 
     def add_processor_time(self, seconds: float) -> None:
         """Adds processor time to that of the run, if that is known."""
@@ -137,14 +149,19 @@ class RunLog:
         """
         began = time.perf_counter()
         record = self._record
-        before = self._before
+        replaced = self._before
         if any(len(record.parts(name)) >= _MAX_PARTS for name in schema.LOG_TABLES):
-            before = {name: record.read(name) for name in schema.LOG_TABLES} | before
+            committed = {name: record.read(name) for name in schema.LOG_TABLES}
+            replaced = {**committed, **self._before}
+
         tables = {}
         for name, columns in schema.RUN_TABLES.items():
             rows = pa.Table.from_pylist(self._rows[name], columns)
-            tables[name] = pa.concat_tables([before[name], rows]) if name in before else rows
-        record.append(tables, files, drop=drop, replace=before)
+            if name in replaced:
+                rows = pa.concat_tables([replaced[name], rows])
+            tables[name] = rows
+
+        record.append(tables, files, drop=drop, replace=replaced)
         self._rows = {name: [] for name in self._rows}
         self._before = {}
         return time.perf_counter() - began
@@ -172,9 +189,12 @@ def rows_before(record: Record, position: Position) -> dict[str, pa.Table]:
     Rows are compared by number, since an evaluation may be at the checkpoint's control step.
     """
     evaluated = pc.field("evaluation") < position.evaluations
-    logged = pc.field("control_steps") <= position.control_steps
-    kept = {"evaluations": evaluated, "metrics": logged, "paths": evaluated}
-    kept["episodes"] = pc.field("episode") < position.episodes
+    kept = {
+        "evaluations": evaluated,
+        "metrics": pc.field("control_steps") <= position.control_steps,
+        "paths": evaluated,
+        "episodes": pc.field("episode") < position.episodes,
+    }
     return {name: record.read(name).filter(rows) for name, rows in kept.items()}
 
 

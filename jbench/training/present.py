@@ -47,6 +47,7 @@ def other_code(records: Iterable[Record]) -> Iterator[OtherCode]:
 
 
 def _at_hand(record: Record) -> dict[str, Any]:
+    """Returns the checksums of the present code that a record names, as its provenance has them."""
     # These import torch and MuJoCo, which records without users' code do not need.
     from jbench.agents.find import installed
     from jbench.encoders.registry import offered_kinds
@@ -58,12 +59,14 @@ def _at_hand(record: Record) -> dict[str, Any]:
     task = str(settings.get(_TASKS.get(record.kind, "")))
     for key, value in plugins.files_at_hand(task, find.installed_tasks()).items():
         found[f"task_{key}"] = value
+
     if record.kind == "run":
         found |= plugins.files_at_hand(str(settings.get("algo")), installed())
     elif record.kind == "encoder":
         found |= plugins.files_at_hand(str(settings.get("kind")), offered_kinds())
     elif record.kind == "evaluation":
         found |= plugins.files_at_hand(str(settings.get("policy")), offered_policies())
+
     return found
 
 

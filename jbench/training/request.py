@@ -51,27 +51,33 @@ def request_runs(
     Raises a RequestError if the encoder is not found or can't be mirrored, a setting is invalid, or
     the steps are not enough for an episode or can't be divided among the robots.
     """
-    algorithm_changes, feature_changes = dict[str, Any](), dict[str, Any]()
+    algorithm_changes: dict[str, Any] = {}
+    feature_changes: dict[str, Any] = {}
     for name, value in overrides.items():
         changes = feature_changes if name.startswith(_PREFIX) else algorithm_changes
         changes[name.removeprefix(_PREFIX)] = value
+
     encoders: Mapping[int, str] | None = None
-    fields["ofe"] = ofe = requested_ofe(encoder, feature_changes)
+    ofe = requested_ofe(encoder, feature_changes)
+    fields["ofe"] = ofe
     if ofe is not None:
         fields["representation"] = ofe.representation
     elif feature_changes:
         raise RequestError("--set ofe.NAME is for --encoder ofeN, such as ofe12; leave it out.")
     elif encoder not in names.NO_ENCODER:
-        fields["encoder"] = encoder_id = find_encoder(results, encoder, task, accept_changed)
+        encoder_id = find_encoder(results, encoder, task, accept_changed)
+        fields["encoder"] = encoder_id
         fields["representation"] = read_representation(results, encoder_id, accept_changed)
         if encoder_seeds == "each":
             draws = find_draws(results, encoder, task, seeds)
             fields["encoder_draws"] = draws.hash
             encoders = draws.ids
+
     fields["time_limit"] = fields.get("time_limit") or default_time_limit(base)
     algorithm = algorithm_fields(algo, engine, base, algorithm_changes, task)
     if "encoder" in fields and algorithm["hyperparameters"].get("mirror"):
         input_mirror(task, load_encoder(results, fields["encoder"], accept_changed).encoder)
+
     fields["specs"] = find_task(task).specs
     return make_runs(seeds, encoders, task=task, **algorithm, **fields)
 
@@ -91,14 +97,13 @@ def make_runs(
         fields.get("evaluate_every"),
         fields.get("evaluate_episodes"),
     )
-    runs = [
-        validated(
-            RunSettings,
-            "the run",
-            **{**fields, "seed": seed, **({"encoder": encoders[seed]} if encoders else {})},
-        )
-        for seed in seeds
-    ]
+    runs = []
+    for seed in seeds:
+        fields["seed"] = seed
+        if encoders:
+            fields["encoder"] = encoders[seed]
+        runs.append(validated(RunSettings, "the run", **fields))
+
     count = runs[0].environments
     steps = runs[0].steps
     length = runs[0].episode_steps
@@ -110,6 +115,7 @@ def make_runs(
             f"No episode of {runs[0].algo} {ends} in {steps} control steps: it takes "
             f"{length}{where}; type {min_steps} or more."
         )
+
     _check_agent(runs[0])
     return runs
 

@@ -9,8 +9,7 @@ import pytest
 
 from benchmarks import ship_reference
 from jbench.cli import main
-from jbench.policies import find
-from jbench.policies.located import shipped_policies
+from jbench.policies import find, located
 from jbench.policies.saved import has_policy
 from jbench.settings.base import settings_hash
 from jbench.settings.records import EvaluationSettings
@@ -37,7 +36,7 @@ def target(tmp_path):
 def database(demo_results, target, monkeypatch):
     """The shipped results, which replace those of the package."""
     assert ship_reference.ship(demo_results, target) == []
-    monkeypatch.setattr(find, "shipped_results", lambda: target)
+    monkeypatch.setattr(located, "shipped_results", lambda: target)
     return target
 
 
@@ -126,7 +125,7 @@ def test_shipped_policy_equals_policy_of_run(
 ):
     shorten_episodes(monkeypatch.setattr)
     cell = f"reference/face_direction/td3/{representation}/s00"
-    (name,) = [policy for policy in shipped_policies() if policy.startswith(cell)]
+    (name,) = [policy for policy in located.shipped_policies() if policy.startswith(cell)]
     assert find.full_name(Results(shipped()), cell).name == name
     assert find.full_name(Results(shipped()), name[:-4]).name == name
     shutil.copytree(demo_results.path, tmp_path / "own")
@@ -150,7 +149,7 @@ def test_shipped_policy_equals_policy_of_run(
     ],
 )
 def test_ambiguous_name_is_refused_with_choices(database, name, message, refused):
-    there = ", ".join(shipped_policies())
+    there = ", ".join(located.shipped_policies())
     assert message.format(name, there) in refused("evaluate", name)
 
 
@@ -166,7 +165,7 @@ def test_run_without_policy_is_refused(database, refused):
 
 
 def test_missing_shipped_policies_are_reported(tmp_path, monkeypatch, refused):
-    monkeypatch.setattr(find, "shipped_results", lambda: Results(tmp_path / "none"))
+    monkeypatch.setattr(located, "shipped_results", lambda: Results(tmp_path / "none"))
     error = refused("evaluate", "reference/face_direction/td3/full")
     assert "this version of jbench ships none" in error
 

@@ -148,9 +148,9 @@ def reproduce(
         help="Id of a run or its beginning, or reference/ID of a run that is shipped with jbench.",
         autocompletion=options.complete_policies,
     ),
-    episodes: int | None = Option(
+    episodes: int | None = options.whole_number(
         None,
-        min=0,
+        unit="EPISODES",
         help="Training episodes to repeat, 0 for none (default: up to the agent's first updates).",
     ),
     accept_changed_code: bool = options.ACCEPT_CHANGED_CODE,

@@ -45,8 +45,12 @@ def check(
         help="What it is: task, agent, rule, encoder or policy (default: found out).",
     ),
     task: str = options.some_task("face_direction", help="Task to check it on."),
-    latents: int | None = Option(
-        None, "--latent", min=1, help="Latents of an encoder (default: 12, or the most it has)."
+    latents: int | None = options.whole_number(
+        None,
+        "--latent",
+        unit="LATENTS",
+        least=1,
+        help="Latents of an encoder (default: 12, or the most it has).",
     ),
     set_: list[str] = options.SET,
     json: bool = options.JSON,

@@ -47,20 +47,29 @@ def train_encoder(
         help="Source of dae's options: script (the authors' script, whose training is not that of "
         "the paper's text; docs/encoders.md).",
     ),
-    noise: float | None = Option(
-        None, help="Standard deviation of the noise on scaled features (default: 0.1)."
-    ),
-    horizon: int | None = Option(
-        None, help="Control steps ahead that the kind predicts (default: that of the kind)."
-    ),
-    epochs: int | None = Option(
+    noise: float | None = options.number(
         None,
+        unit="NOISE",
+        help="Standard deviation of the noise on scaled features (default: 0.1).",
+    ),
+    horizon: int | None = options.whole_number(
+        None,
+        unit="STEPS",
+        help="Control steps ahead that the kind predicts (default: that of the kind).",
+    ),
+    epochs: int | None = options.whole_number(
+        None,
+        unit="EPOCHS",
         help="Number of passes over the training rows (default: that of the kind, such as dae's "
         "200; more for a small dataset, so that it has 4,000 updates).",
     ),
-    batch: int | None = Option(None, help="Minibatch size (default: the kind's; dae has 8192)."),
-    learning_rate: float | None = Option(
-        None, help="Learning rate of Adam (default: 1e-3; the authors' script has 5e-4)."
+    batch: int | None = options.whole_number(
+        None, unit="ROWS", help="Minibatch size (default: the kind's; dae has 8192)."
+    ),
+    learning_rate: float | None = options.number(
+        None,
+        unit="RATE",
+        help="Learning rate of Adam (default: 1e-3; the authors' script has 5e-4).",
     ),
     set_: list[str] = options.SET,
     seed: str = Option(

@@ -2,6 +2,7 @@
 
 import importlib.metadata
 import inspect
+import math
 from collections.abc import Callable, Sequence
 from copy import copy
 from functools import partial
@@ -57,6 +58,9 @@ def _parameter(name: str, field: FieldInfo) -> inspect.Parameter:
     type_ = _plain(field.annotation)
     extra = field.json_schema_extra
     unit = extra.get("unit") if isinstance(extra, dict) else None
+    parser = None
+    if type_ is int:  # the settings have further limits
+        parser = partial(parsing.count, least=1 if unit else 0)
     if default is PydanticUndefined:  # it must be typed
         default = ...
     elif default is None:
@@ -69,7 +73,7 @@ def _parameter(name: str, field: FieldInfo) -> inspect.Parameter:
         f"--{(field.title or name).replace('_', '-')}",
         help=f"{help[0].upper()}{help[1:]}.",
         metavar=str(unit).split()[-1].upper() if unit else None,
-        parser=parsing.count if unit else None,
+        parser=parser,
     )
     return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=option, annotation=type_)
 
@@ -121,6 +125,22 @@ def _ids(where: Context | str, kind: str, file: str = "manifest.json") -> list[s
     return sorted(path.parent.relative_to(root).as_posix() for path in root.rglob(file))
 
 
+def whole_number(
+    default: int | None, *flags: str, unit: str, help: str, least: int = 0, **more: Any
+) -> Any:
+    """Returns an option of a whole number, at least 0 or 1, which may be typed as 1k or 1e3."""
+    parser = partial(parsing.count, least=least)
+    return Option(default, *flags, parser=parser, metavar=unit, help=help, **more)
+
+
+def number(
+    default: float | None, *flags: str, unit: str, help: str, least: float = -math.inf
+) -> Any:
+    """Returns an option of a number."""
+    parser = partial(parsing.number, least=least)
+    return Option(default, *flags, parser=parser, metavar=unit, help=help)
+
+
 _results = partial(Option, Path(names.RESULTS), "--results", parser=parsing.path, metavar="DIR")
 RESULTS = _results(help="Results directory.")
 READ_RESULTS = _results(
@@ -153,9 +173,10 @@ ACCEPT_CHANGED_CODE = Option(
 )
 RETRY_FAILED = Option(False, "--retry-failed", help="Retry runs that failed before.")
 LOG = Option(None, help=f"Also write rows to an experiment tracker: {', '.join(names.LOGGERS)}.")
-CHECKPOINT_EVERY = Option(
+CHECKPOINT_EVERY = number(
     names.CHECKPOINT_EVERY,
-    min=0,
+    unit="SECONDS",
+    least=0,
     help="Minimum seconds between checkpoints of a run of the batched engine; each is at the end "
     "of an episode.",
 )
@@ -172,22 +193,25 @@ SET = Option(
     help="Set a hyperparameter, or an option of a kind of encoder; repeatable.",
     autocompletion=_hyperparameters,
 )
-JOBS = Option(
+JOBS = whole_number(
     0,
-    min=0,
+    unit="JOBS",
     help="Number of worker processes (0: one per core; on a GPU, where each trains all seeds of a "
     "configuration, one per five cores).",
 )
-_threads = partial(Option, 0, min=0, callback=lambda number: number or cores())
+_threads = partial(whole_number, 0, unit="THREADS", callback=lambda number: number or cores())
 THREADS = _threads(help="Number of threads (0: one per core).")
 FILES = _threads(help="Number of records checked at a time (0: one per core).")
-FINAL_EPISODES = Option(
+FINAL_EPISODES = whole_number(
     None,
-    min=1,
+    unit="EPISODES",
+    least=1,
     help="Episodes of a run's last evaluation (default: 100, or as many as it trains, if fewer; "
     "with the default evaluations of a run of less than 200 episodes, half as many).",
 )
-AUGMENT = Option(None, min=0, help="Seed of an augmented robot (default: the plain robot).")
+AUGMENT = whole_number(
+    None, unit="SEED", help="Seed of an augmented robot (default: the plain robot)."
+)
 DATASET = Option(
     None,
     help="Id of the dataset (default: newest).",

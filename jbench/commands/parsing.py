@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import math
 import re
 from collections.abc import Collection, Sequence
 from decimal import Decimal
@@ -108,19 +109,35 @@ def path(text: str | Path) -> Path:
     return Path(text)
 
 
-def count(text: str | int) -> int:
-    """Returns a positive whole number typed as 5000000, 5_000_000, 5e6 or 5M."""
+def count(text: str | int, least: int = 1) -> int:
+    """Returns a whole number, at least 0 or 1, typed as 5000000, 5_000_000, 5e6 or 5M."""
     typed = str(text)
     scale = _SCALES.get(typed[-1:].lower(), 1)
     try:
         number = Decimal(typed if scale == 1 else typed[:-1]) * scale
     except ArithmeticError:  # no number, or one that decimal can't hold
-        number = Decimal(0)
+        number = Decimal(-1)
 
-    if not (number.is_finite() and 1 <= number <= names.MAX_COUNT and number % 1 == 0):
-        raise BadParameter(f"{typed!r}: type a positive whole number, such as 100000, 100k or 5e6")
+    if not (number.is_finite() and least <= number <= names.MAX_COUNT and number % 1 == 0):
+        positive = "a positive whole number, such as 100000, 100k or 5e6"
+        instead = positive if least else "a whole number, such as 0, 200 or 10k"
+        raise BadParameter(f"{typed!r}: type {instead}")
 
     return int(number)
+
+
+def number(text: str | float, least: float = -math.inf) -> float:
+    """Returns a number, at least the given one."""
+    try:
+        parsed = float(text)
+    except ValueError:
+        parsed = math.nan
+
+    if not (math.isfinite(parsed) and parsed >= least):
+        limit = "" if least == -math.inf else f" of at least {least:g}"
+        raise BadParameter(f"{str(text)!r}: type a number{limit}, such as 0.1, 60 or 5e-4")
+
+    return parsed
 
 
 def parse_overrides(assignments: list[str]) -> dict[str, Any]:

@@ -15,14 +15,16 @@ from jbench.wording import counted
 if TYPE_CHECKING:
     from jbench.store import Results
 
-_POSE_SEED = Option(0, min=0, help="Random seed of the pose and the target.")
+_POSE_SEED = options.whole_number(0, unit="SEED", help="Random seed of the pose and the target.")
 
 
 @options.with_settings(EvaluationSettings, "episodes", "seed", "states", "augment")
 def evaluate(
     policy: str | None = options.POLICY,
     task: str | None = options.POLICY_TASK,
-    target_yaw: float | None = Option(None, help="Target's yaw in degrees (default: random)."),
+    target_yaw: float | None = options.number(
+        None, unit="DEGREES", help="Target's yaw (default: random)."
+    ),
     threads: int = options.THREADS,
     accept_changed_code: bool = options.ACCEPT_CHANGED_CODE,
     results: Path = options.READ_RESULTS,
@@ -95,7 +97,9 @@ def render(
         autocompletion=lambda: task_specs.CAMERAS,
     ),
     seed: int = _POSE_SEED,
-    steps: int | None = Option(None, min=1, help="Control steps (default: the whole episode)."),
+    steps: int | None = options.whole_number(
+        None, unit="STEPS", least=1, help="Control steps (default: the whole episode)."
+    ),
     augment: int | None = options.AUGMENT,
     accept_changed_code: bool = options.ACCEPT_CHANGED_CODE,
     results: Path = options.READ_RESULTS,

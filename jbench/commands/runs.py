@@ -93,11 +93,11 @@ def tail(
     representation: str | None = options.ONE_REPRESENTATION,
     status: names.Status | None = options.ONE_STATUS,
     seed: str | None = options.SOME_SEEDS,
-    last: int | None = Option(
+    last: int | None = options.whole_number(
         None,
-        min=0,
-        help="Of the rows that are already committed, print those of the last N training episodes "
-        "of each run (default: all).",
+        unit="EPISODES",
+        help="Of the rows that are already committed, print those of so many last training "
+        "episodes of each run (default: all).",
     ),
     once: bool = Option(False, "--once", help="Print the committed rows and end."),
     results: Path = options.READ_RESULTS,

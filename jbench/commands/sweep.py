@@ -41,8 +41,11 @@ def sweep(
     seeds: str | None = Option(
         None, "--seeds", "--seed", help="Seeds, such as 0-9 or 0,2,5-7 (default: the matrix's)."
     ),
-    steps: int | None = Option(
-        None, parser=parsing.count, help="Control steps of each run (default: the matrix's)."
+    steps: int | None = options.whole_number(
+        None,
+        unit="STEPS",
+        least=1,
+        help="Control steps of each run (default: the matrix's).",
     ),
     until_decided: bool = Option(
         False,
@@ -50,8 +53,9 @@ def sweep(
         help="Add seeds in blocks of five until the comparisons of the matrix are decided, by "
         "default those of each representation with full and scaled.",
     ),
-    max_seeds: int | None = Option(
+    max_seeds: int | None = options.whole_number(
         None,
+        unit="SEEDS",
         help=f"With --until-decided: most seeds of a configuration (default: {names.MAX_SEEDS}).",
     ),
     executor: names.ExecutorName = Option(
@@ -60,8 +64,11 @@ def sweep(
     address: str | None = Option(
         None, help="Address of the Ray cluster (default: RAY_ADDRESS, else a local Ray)."
     ),
-    gpus_per_task: float = Option(
-        0.0, min=0, help="With --executor ray: GPUs per process; may be a fraction."
+    gpus_per_task: float = options.number(
+        0.0,
+        unit="GPUS",
+        least=0,
+        help="With --executor ray: GPUs per process; may be a fraction.",
     ),
     device: str = options.DEVICE,
     checkpoint_every: float = options.CHECKPOINT_EVERY,

@@ -1,5 +1,6 @@
 """Tests of invalid requests, help, and the imports and speed of the command line."""
 
+import inspect
 import json
 import os
 import re
@@ -39,7 +40,12 @@ from tests.documentation import ROOT
         (("train", "--algo", "sac", "--settings", "script"), "network; choose published"),
         (("train", "--set", "mirror=true", "--engine", "sb3"), "has no mirror: choose the batched"),
         (("train", "--robots", "3", "--steps", "10000"), "steps must be 12000"),
-        (("collect", "--seed", "-1"), "seed of the dataset can't be -1: it should be greater"),
+        (("collect", "--seed", "-1"), "'-1': type a whole number, such as 0, 200 or 10k"),
+        (("train-dae", "--batch", "0"), "batch of dae can't be 0: it should be greater than or"),
+        (("train", "--final-episodes", "0"), "'0': type a positive whole number, such as"),
+        (("train", "--checkpoint-every", "1m"), "'1m': type a number of at least 0, such as"),
+        (("train", "--checkpoint-every", "nan"), "'nan': type a number of at least 0, such as"),
+        (("evaluate", "--target-yaw", "left"), "'left': type a number, such as 0.1, 60 or 5e-4"),
         (("train-dae",), "No finished dataset in .*; run jbench collect --results .* first"),
         (("report",), "jbench train"),
         (("report", "--order", "none"), "'--order': 'none' is not one of 'quantile-first'"),
@@ -193,6 +199,20 @@ def test_help_has_full_sentence_and_valid_example_per_command(capsys, monkeypatc
 )
 def test_counts_with_suffix_are_parsed(text, steps):
     assert parsing.count(text) == steps
+
+
+def test_every_whole_number_of_every_verb_is_typed_in_one_way():
+    options = 0
+    for verb, command in get_command(app).commands.items():
+        _, _, *example = shlex.split(command.epilog.removeprefix("Example: "))
+        types = inspect.signature(command.callback, eval_str=True).parameters
+        for option in command.params:
+            if types[option.name].annotation in (int, int | None):
+                context = command.make_context(verb, [*example, option.opts[0], "1k"])
+                assert context.params[option.name] == 1000, (verb, option.opts)
+                options += 1
+
+    assert options > 30
 
 
 @pytest.mark.parametrize(

@@ -21,10 +21,16 @@ _NUMBERED = re.compile(r"(.+)_(\d+)")
 class PathNames(NamedTuple):
     """The labels of a run in the path of its file."""
 
+    path: Path
     task: str
     method: str
-    seed: int
+    digits: str  # of the seed
     has_seed: bool  # else the seed is the number of the run, or 0
+
+    @property
+    def seed(self) -> int:
+        """The seed, for a file without one; a RequestError if the number is too large."""
+        return parse_seed(self.digits, f"{self.path}: the seed is")
 
 
 def without_seed(name: str) -> str:
@@ -38,14 +44,10 @@ def names_in_path(path: Path) -> PathNames:
     The folder of a run is that of its task, and the folder above it that of its method. Folders
     that have the seed alone are neither.
     """
-
-    def seed(digits: str) -> int:
-        return parse_seed(digits, f"{path}: the seed is")
-
     folders = path.resolve().parent.parts[1:]
     for folder in folders:
         if match := _CLEANRL.fullmatch(folder):
-            return PathNames(match[1], match[2], seed(match[3]), has_seed=True)
+            return PathNames(path, match[1], match[2], match[3], has_seed=True)
 
     labels = [label for label in map(without_seed, folders) if label]
     task = labels[-1] if labels else "task"
@@ -53,13 +55,13 @@ def names_in_path(path: Path) -> PathNames:
     found = [match for name in (*folders, path.stem) for match in _SEED.finditer(name)]
     if found:
         digits = found[-1]["seed"] or found[-1]["s"]
-        return PathNames(task, method, seed(digits), has_seed=True)
+        return PathNames(path, task, method, digits, has_seed=True)
 
     folder = folders[-1] if folders else ""
     if folder.isdecimal():
-        return PathNames(task, method, seed(folder), has_seed=True)
+        return PathNames(path, task, method, folder, has_seed=True)
 
     if match := _NUMBERED.fullmatch(folder):
-        return PathNames(match[1], method, seed(match[2]), has_seed=False)
+        return PathNames(path, match[1], method, match[2], has_seed=False)
 
-    return PathNames(task, method, 0, has_seed=False)
+    return PathNames(path, task, method, "0", has_seed=False)

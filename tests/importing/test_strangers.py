@@ -290,6 +290,16 @@ def test_resumed_training_is_joined_as_by_tensorboard(imports, rows, tmp_path):
     assert rows()[0]["episode_return"].tolist()[5:7] == [60, 70.5]
 
 
+def test_seed_of_a_path_is_read_only_for_a_file_without_one(tmp_path):
+    folder = tmp_path / f"seed{1 << 70}"
+    folder.mkdir()
+    points = written(folder / "a.csv", "method,task,seed,steps,return\nA,t,5,1,1\n")
+    assert read_curves(points).points["seed"].tolist() == [5]
+    without = written(folder / "b.csv", "method,task,steps,return\nA,t,1,1\n")
+    with pytest.raises(RequestError, match=f"{1 << 70}'; a seed is a whole number from 0 up to"):
+        read_curves(without)
+
+
 def test_single_file_with_a_restart_is_read_as_by_tensorboard(imports, rows, tmp_path):
     parts = [
         resumed(tmp_path / "a", 1000, 5000),

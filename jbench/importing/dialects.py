@@ -15,8 +15,9 @@ from jbench.importing.foreign import is_of_tensorboard
 from jbench.importing.json_curves import curves_by_task, listed_curves
 from jbench.importing.named_columns import read_named_columns
 from jbench.importing.path_names import PathNames, names_in_path
-from jbench.importing.readers import read_evaluations, read_monitor
+from jbench.importing.readers import Series, read_evaluations, read_monitor
 from jbench.importing.request import EVALUATION_TAG, TAGS
+from jbench.importing.resumed import continued, in_order
 from jbench.names import ReturnsName, in_prose
 from jbench.wording import counted
 
@@ -41,7 +42,17 @@ def read_curves(path: Path, returns: ReturnsName = "evaluation") -> tables.Curve
     Raises:
         RequestError: if it can't be read, lacks a column, or has a value that is none.
     """
-    parts = [_read(file, returns) for file in map(tables.open_file, _files(path, returns))]
+    parts = []
+    of_tensorboard = []
+    for file in map(tables.open_file, _files(path, returns)):
+        if is_of_tensorboard(file.content):
+            of_tensorboard.append(file)
+        else:
+            parts.append(_read(file))
+
+    if of_tensorboard:
+        parts.append(_from_events(of_tensorboard, returns))
+
     points = pd.concat([part.points for part in parts], ignore_index=True)
     if "wall_time" in points:  # of the files of several environments of a run
         points = points.sort_values("wall_time", kind="stable", ignore_index=True)
@@ -69,15 +80,13 @@ def _files(path: Path, returns: ReturnsName) -> Sequence[Path]:
     )
 
 
-def _read(file: tables.ImportedFile, returns: ReturnsName) -> tables.CurveFile:
+def _read(file: tables.ImportedFile) -> tables.CurveFile:
     """Reads a file by its first bytes, whatever its name is."""
     start = file.content.removeprefix(BOM_UTF8).lstrip()
     if start.startswith(b"{"):
         return tables.CurveFile(curves_by_task(file), [])
     if start.startswith(b"["):
         return tables.CurveFile(listed_curves(file), [])
-    if is_of_tensorboard(file.content):
-        return _from_events(file, returns)
     if _MONITOR.match(start):
         return _from_monitor(file)
     if start.startswith(b"PK"):
@@ -153,9 +162,45 @@ def _from_monitor(file: tables.ImportedFile) -> tables.CurveFile:
     return tables.CurveFile(_labelled(points, names), notes)
 
 
-def _from_events(file: tables.ImportedFile, returns: ReturnsName) -> tables.CurveFile:
-    """Reads the returns of a run in TensorBoard, whose names are those of folders."""
-    scalars = read_event_file(file).scalars
+def _from_events(files: Sequence[tables.ImportedFile], returns: ReturnsName) -> tables.CurveFile:
+    """Reads the returns of runs in TensorBoard, whose names are those of folders.
+
+    A run that was resumed has several files.
+    """
+    runs: dict[tuple[str, str, int], list[Series]] = {}
+    notes: list[str] = []
+    for file in files:
+        names = names_in_path(file.path)
+        part, more = _scalars(file, names.seed, returns)
+        runs.setdefault((names.task, names.method, names.seed), []).append(part)
+        notes += [_note_on_path(file.path, names), *more]
+
+    curves = []
+    for (task, method, seed), parts in runs.items():
+        points = pd.concat(continued(in_order(parts)), ignore_index=True)
+        points = points.rename(columns={"control_steps": "steps", "episode_return": "return"})
+        # Episodes of several environments may end at one step.
+        means = points.groupby("steps", as_index=False)[["steps", "return"]].mean()
+        if len(means) < len(points):
+            tag = parts[0].columns["return"]
+            notes.append(f"Values of {tag} at the same step of a run are averaged.")
+        if len(parts) > 1:
+            notes.append(
+                f"The {len(parts)} event files of {method} on {task}, seed {seed}, are read as one "
+                "training that was resumed."
+            )
+
+        curves.append(means.assign(task=task, method=method, seed=seed))
+
+    return tables.CurveFile(pd.concat(curves, ignore_index=True), notes)
+
+
+def _scalars(
+    file: tables.ImportedFile, seed: int, returns: ReturnsName
+) -> tuple[Series, list[str]]:
+    """Returns the returns in a file of TensorBoard, and a note on other tags that it has."""
+    events = read_event_file(file)
+    scalars = events.scalars
     known = [EVALUATION_TAG, *TAGS] if returns == "evaluation" else [*TAGS]
     tag = next((tag for tag in known if tag in scalars), None)
     if tag is None:
@@ -165,21 +210,16 @@ def _from_events(file: tables.ImportedFile, returns: ReturnsName) -> tables.Curv
             f"{found}."
         )
 
-    points = pd.DataFrame(scalars[tag], columns=["steps", "time", "return"])
-    if not np.isfinite(points["return"]).all():
+    points = pd.DataFrame(scalars[tag], columns=["control_steps", "wall_time", "episode_return"])
+    if not np.isfinite(points["episode_return"]).all():
         raise RequestError(f"{file.path}: a value of {tag} is not a finite number.")
 
-    names = names_in_path(file.path)
-    notes = [_note_on_path(file.path, names)]
-    # Episodes of several environments may end at one step.
-    means = points.groupby("steps", as_index=False)[["steps", "return"]].mean()
-    if len(means) < len(points):
-        notes.append(f"Values of {tag} at the same step of a file are averaged.")
     others = [other for other in (EVALUATION_TAG, *TAGS) if other in scalars and other != tag]
+    notes = []
     if others:
         notes.append(f"Of the tags in {file.path.name}, {tag} is shown, not {in_prose(others)}.")
 
-    return tables.CurveFile(_labelled(means, names), notes)
+    return Series(file, seed, returns, points, {"return": tag}, events.resumed_at), notes
 
 
 def _labelled(points: pd.DataFrame, names: PathNames) -> pd.DataFrame:

@@ -11,6 +11,7 @@ import pandas as pd
 from jbench.errors import RequestError
 from jbench.importing.readers import FORMATS, Series
 from jbench.importing.request import ImportRequest
+from jbench.importing.resumed import continued, in_order
 from jbench.importing.tables import MAX_STEPS, ImportedFile, open_file
 from jbench.names import in_prose
 from jbench.settings.records import ImportSettings, Labels
@@ -161,10 +162,7 @@ def _curve(parts: Sequence[Series], request: ImportRequest) -> _Curve:
     order = FORMATS[request.format].ordered_by
     if order is not None:
         # The id must not depend on the order in which the files are named.
-        parts = sorted(
-            parts,
-            key=lambda part: (*part.points[[order, "wall_time"]].iloc[0], part.file.sha256),
-        )
+        parts = in_order(parts, by=order)
     elif len(parts) > 1:
         where = " and ".join(dict.fromkeys(str(part.file.path) for part in parts))
         raise RequestError(
@@ -194,7 +192,7 @@ def _curve(parts: Sequence[Series], request: ImportRequest) -> _Curve:
 
 def _joined(parts: Sequence[Series], order: str | None) -> pd.DataFrame:
     """Returns the points of a seed's files: several environments', or of a continued training."""
-    kept = _continued(parts) if order == "control_steps" else [part.points for part in parts]
+    kept = continued(parts) if order == "control_steps" else [part.points for part in parts]
     points = pd.concat(kept, ignore_index=True)
     if order == "wall_time":  # the order in which episodes ended
         points = points.sort_values("wall_time", kind="stable", ignore_index=True)
@@ -202,25 +200,3 @@ def _joined(parts: Sequence[Series], order: str | None) -> pd.DataFrame:
     if order is not None:
         points["wall_time"] -= points["wall_time"].min()
     return points if "point" in points else points.assign(point=points.index, episode=0)
-
-
-def _continued(parts: Sequence[Series]) -> list[pd.DataFrame]:
-    """Returns the points of each file of a training, without those that a later file replaces.
-
-    Raises a RequestError if files overlap of which none says that it resumes the training.
-    """
-    kept: list[pd.DataFrame] = []
-    for place, part in enumerate(parts):
-        kept = [points[points["control_steps"] < part.resumed_at] for points in kept]
-        first = part.points["control_steps"].iloc[0]
-        for earlier, points in zip(parts[:place], kept, strict=True):
-            if len(points) and first <= points["control_steps"].iloc[-1]:
-                raise RequestError(
-                    f"{earlier.file.path} and {part.file.path} are both of seed {part.seed} and "
-                    f"both have values at {first:,.0f} control steps: they are two trainings; "
-                    "import one of them."
-                )
-
-        kept.append(part.points)
-
-    return kept

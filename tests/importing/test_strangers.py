@@ -290,6 +290,23 @@ def test_resumed_training_is_joined_as_by_tensorboard(imports, rows, tmp_path):
     assert rows()[0]["episode_return"].tolist()[5:7] == [60, 70.5]
 
 
+def test_curves_of_a_resumed_training_are_joined_like_an_import(tmp_path):
+    run = tmp_path / "td3" / "Hopper" / "seed3"
+    resumed(run / "a", 1000, 10_000).rename(run / "events.out.tfevents.1")
+    resumed(run / "b", 7000, 12_000, purge_step=7000).rename(run / "events.out.tfevents.2")
+    read = read_curves(tmp_path, "training")
+    assert {(*row,) for row in read.points[["task", "method", "seed"]].to_numpy()} == {
+        ("Hopper", "td3", 3)
+    }
+    assert read.points["steps"].tolist() == list(range(1000, 12_001, 1000))
+    assert read.points["return"].tolist()[5:7] == [60, 70.5]
+    assert "The 2 event files of td3 on Hopper, seed 3, are read as one training" in str(read.notes)
+
+    resumed(run / "c", 12_000, 13_000).rename(run / "events.out.tfevents.3")
+    with pytest.raises(RequestError, match="both have values at 12,000 control steps: they are"):
+        read_curves(tmp_path, "training")
+
+
 def test_seed_of_a_path_is_read_only_for_a_file_without_one(tmp_path):
     folder = tmp_path / f"seed{1 << 70}"
     folder.mkdir()

@@ -1,5 +1,9 @@
 """Exceptions, each with its exit code."""
 
+import sysconfig
+import traceback
+from pathlib import Path
+
 
 class RequestError(ValueError):
     """A wrong request: one sentence that says what is wrong and what to type instead."""
@@ -29,6 +33,26 @@ class ElsewhereError(WorkError):
 
 
 def sentence_of_failure(error: BaseException) -> str:
-    """Returns the sentence of a `RequestError` or `WorkError`; of others, type and text."""
-    ours = isinstance(error, RequestError | WorkError)
-    return str(error) if ours else f"{type(error).__name__}: {error}"
+    """Returns the sentence of a `RequestError` or `WorkError`; of others, type, text and line."""
+    if isinstance(error, RequestError | WorkError):
+        return str(error)
+    return f"{type(error).__name__}: {error}{_line_of_user(error)}"
+
+
+def _line_of_user(error: BaseException) -> str:
+    """Returns the last line of a user's own file that led to an error; empty if there is none.
+
+    Files of jbench, of the standard library and of installed packages are not the user's own. The
+    text of a `SyntaxError` has its line.
+    """
+    if isinstance(error, SyntaxError):
+        return ""
+
+    ours = (Path(__file__).parent, Path(sysconfig.get_path("stdlib")))
+    for frame in reversed(traceback.extract_tb(error.__traceback__)):
+        file = Path(frame.filename)
+        is_installed = "site-packages" in file.parts or "dist-packages" in file.parts
+        if file.is_absolute() and not is_installed and not any(map(file.is_relative_to, ours)):
+            return f", line {frame.lineno} of {file.name}"
+
+    return ""

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from jbench import sources
-from jbench.errors import RequestError, WorkError
+from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.names import closest
 
 _IMPORTED = re.compile(r"[A-Za-z_][A-Za-z0-9_.]*:[A-Za-z_][A-Za-z0-9_]*")
@@ -40,7 +40,8 @@ def load(what: str, point: EntryPoint) -> Any:
             f"The {what} {point.name} is offered by {' and '.join(packages)}; uninstall all but "
             "one of them."
         )
-    return _attempt(point.load, f"The {what} {point.name}", point.value)
+    subject = f"The {what} {point.name} can't be loaded from {point.value}"
+    return _attempt(point.load, subject, ", or uninstall the package that offers it")
 
 
 def distribution(point: EntryPoint) -> str | None:
@@ -91,7 +92,8 @@ def imported(what: str, name: str) -> Any:
             "package, or run jbench in the directory that contains the module, or set PYTHONPATH."
         )
 
-    module = _attempt(lambda: importlib.import_module(module_name), f"The {what} {name}", name)
+    subject = f"The {what} {name} can't be loaded"
+    module = _attempt(lambda: importlib.import_module(module_name), subject)
     if not hasattr(module, attribute):
         close = closest(attribute, [public for public in vars(module) if public[0] != "_"])
         hint = f"did you mean {module_name}:{close}?" if close else "use a name that is in it."
@@ -159,12 +161,10 @@ def where_from(module: str) -> dict[str, str | None]:
     return {} if file is None else {"source_sha256": sha256(Path(file).read_bytes()).hexdigest()}
 
 
-def _attempt(load_it: Callable[[], Any], subject: str, where: str) -> Any:
-    """Loads code of others; what it raises is a WorkError."""
+def _attempt(load_it: Callable[[], Any], subject: str, otherwise: str = "") -> Any:
+    """Loads code of others; what it raises is a WorkError, which says how to go on."""
     try:
         return load_it()
     except Exception as error:
-        raise WorkError(
-            f"{subject} can't be loaded from {where} ({type(error).__name__}: {error}); fix it, "
-            "or uninstall the package that offers it."
-        ) from None
+        reason = sentence_of_failure(error)
+        raise WorkError(f"{subject} ({reason}); fix it{otherwise}.") from None

@@ -125,7 +125,7 @@ def test_parts_of_an_observation_have_the_order_of_the_specification():
         (f"{OWN}:LacksPart", "at control step 0 of .*, its observation lacks height"),
         (f"{OWN}:SameNames", "a dataset of it would have two columns place_0; rename that part"),
         (f"{OWN}:Rewarding", "a dataset of it would have two columns reward; rename that part"),
-        (f"{OWN}:Broken", r"it fails \(OSError: no motor\)"),
+        (f"{OWN}:Broken", r"it fails \(OSError: no motor, line \d+ of own_tasks\.py\)"),
         (f"{OWN}:unseeded", "its episodes can't be seeded"),
         (f"{OWN}:nothing", "it is a NoneType, not a dm_env.Environment"),
         (f"{OWN}:number", "is of type int; name a function"),

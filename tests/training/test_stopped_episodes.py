@@ -24,7 +24,7 @@ FRAGILE = "tests.odd_tasks:Fragile"
 SMALL = {"hidden_layers": [8], "batch_size": 8, "learning_starts": 10, "train_freq": 10}
 SENTENCE = (
     rf"jbench can't use the task {FRAGILE}: at control step 7 of the episode with seed (\d+), it "
-    r"fails \(OSError: a leg broke\)"
+    r"fails \(OSError: a leg broke, line \d+ of odd_tasks\.py\)"
 )
 
 

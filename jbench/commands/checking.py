@@ -25,7 +25,7 @@ def verify(
     reevaluate: bool = Option(
         False, "--reevaluate", help="Also repeat each run's last evaluation with its kept policy."
     ),
-    accept_changed_code: bool = options.ACCEPT_CHANGED_CODE,
+    accept_changed_code: bool = options.ACCEPT_CHANGED_CODE_TO_REEVALUATE,
     results: Path = options.READ_RESULTS,
     json: bool = options.JSON,
 ) -> None:

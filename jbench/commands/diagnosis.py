@@ -21,7 +21,7 @@ def doctor(
 ) -> None:
     """Check that jbench works on this machine: versions, cores, drivers, results directory.
 
-    A line for each check. Nothing stays written. The exit code is 1 if something will fail.
+    A line for each check. It leaves no file behind. The exit code is 1 if something will fail.
     """
     from jbench.checks.machine import check_machine
     from jbench.store import Results

@@ -165,12 +165,13 @@ KEEP_COMPACT_STATE = Option(
     help="Like --keep-state, with actions instead of the replay buffer, which is computed again "
     "when a run is continued.",
 )
-ACCEPT_CHANGED_CODE = Option(
-    False,
-    "--accept-changed-code",
-    help="Go on with the present code of a task, encoder or algorithm of yours where a record was "
-    "made with another one. What comes of it is marked.",
+_accept_changed_code = partial(Option, False, "--accept-changed-code")
+_ACCEPTED = (
+    "use the present code of your task, encoder or algorithm also for records of older code, and "
+    "mark what comes of it."
 )
+ACCEPT_CHANGED_CODE = _accept_changed_code(help=_ACCEPTED.capitalize())
+ACCEPT_CHANGED_CODE_TO_REEVALUATE = _accept_changed_code(help=f"With --reevaluate: {_ACCEPTED}")
 RETRY_FAILED = Option(False, "--retry-failed", help="Retry runs that failed before.")
 LOG = Option(None, help=f"Also write rows to an experiment tracker: {', '.join(names.LOGGERS)}.")
 CHECKPOINT_EVERY = number(

@@ -5,7 +5,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 from typer import Argument, Option
 
@@ -195,7 +195,6 @@ def _mean(values: list[float | None], format: str) -> str:
     return f"{sum(known) / len(known):{format}}"
 
 
-@options.with_settings(Request, "returns")
 def leaderboard(
     directories: list[Path] = Argument(
         None,
@@ -209,7 +208,11 @@ def leaderboard(
     as_csv: bool = options.CSV,
     results: Path = options.READ_RESULTS,
     json: bool = options.JSON,
-    **chosen: Any,
+    returns: names.ReturnsName = Option(
+        "evaluation",
+        help="Returns that rank the entries: evaluation (deterministic policy) or training "
+        "(exploration included).",
+    ),
 ) -> None:
     """Rank algorithms and representations on each task.
 
@@ -236,7 +239,7 @@ def leaderboard(
         "the leaderboard",
         task=task and parsing.known_or_held("task", task, read),
         algo=algo if algo in (None, names.HEURISTIC) else parsing.known_or_held("algo", algo, read),
-        **chosen,
+        returns=returns,
     )
     ranked, problems = ranked_configurations(databases, request)
     table = leaderboard_table(ranked, request.returns)

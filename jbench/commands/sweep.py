@@ -56,7 +56,8 @@ def sweep(
     max_seeds: int | None = options.whole_number(
         None,
         unit="SEEDS",
-        help=f"With --until-decided: most seeds of a configuration (default: {names.MAX_SEEDS}).",
+        help="With --until-decided: largest number of seeds of a configuration (default: "
+        f"{names.MAX_SEEDS}).",
     ),
     executor: names.ExecutorName = Option(
         "local", help="Where runs are trained: local (this machine) or ray (a Ray cluster)."

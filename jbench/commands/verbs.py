@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import typer
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperArgument, TyperCommand, TyperGroup
 
 
 @dataclass(frozen=True)
@@ -74,9 +74,8 @@ class Verb:
 
 PLACEHOLDERS = {
     "--augment": "SEED",
-    "--checkpoint-every": "SECONDS",
     "--from": "FORMAT",
-    "--gpus-per-task": "GPUS",
+    "--log": "TRACKER",
     "--seed-from": "REGEX",
     "--since": "DATE",
     "--window": "EPISODES",
@@ -170,4 +169,10 @@ def _with_placeholders(parameters: list[Any]) -> list[Any]:
         elif parameter.metavar is None:
             flag = parameter.opts[0]
             parameter.metavar = PLACEHOLDERS.get(flag, flag.rpartition("-")[2].upper())
+        if isinstance(parameter, TyperArgument):  # beside which typer shows a type of Python
+            parameter.display_type_rich = _no_type  # type: ignore[method-assign]
     return parameters
+
+
+def _no_type(ctx: Any) -> None:
+    """Shows nothing."""

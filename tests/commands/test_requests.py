@@ -186,7 +186,11 @@ def test_help_has_full_sentence_and_valid_example_per_command(capsys, monkeypatc
     for name in commands.keys() - {"train-agent"}:
         assert main([name, "--help"]) == 0
         example = commands[name].epilog.removeprefix("Example: ")
-        assert example[:60] in capsys.readouterr().out
+        printed = capsys.readouterr().out
+        assert example[:60] in printed
+        # No placeholder repeats the end of an option's name where it says nothing, and no type of
+        # Python stands beside an argument.
+        assert not re.search(r"<\w|  (FROM|EVERY|TASK \[|LAST)\b|\[x", printed)
         assert "\n" not in commands[name].help.replace("\n\n", "")  # the terminal breaks lines
         program, verb, *arguments = shlex.split(example)
         assert (program, verb) == ("jbench", name)

@@ -90,7 +90,8 @@ def show(
             row += [_time(line.seconds_left) if line.steps_left else "", line.estimate]
 
         missing = [run for run in all_runs(cells) if run_status(run, results).state == "missing"]
-        for sentence in new_beginnings(missing, results):
+        notes = dict.fromkeys(note for cell in cells for note in cell.notes)
+        for sentence in (*notes, *new_beginnings(missing, results)):
             output.say(sentence)
 
     output.table(title, header, rows, spare=("estimated from",))

@@ -7,6 +7,7 @@ from pathlib import Path
 from jbench.errors import RequestError, WorkError
 from jbench.names import closest
 from jbench.store import files
+from jbench.store.code import date_of
 from jbench.store.manifest import ID, MANIFEST, Json, Manifest, RecordKind
 from jbench.store.record import Folder, Record
 from jbench.wording import with_results
@@ -90,13 +91,13 @@ class Results:
         if self.has(kind, text):
             return text
 
-        ids = [record.id for record in self.scan(kind, text)[0]]
-        if len(ids) > 1:
-            some = ", ".join(ids[:_MAX_SHOWN])
-            more = f" and {len(ids) - _MAX_SHOWN} more" if len(ids) > _MAX_SHOWN else ""
+        found = sorted(self.scan(kind, text)[0], key=lambda record: record.manifest.created)
+        if len(found) > 1:
+            some = ", ".join(f"{record.id} ({date_of(record)})" for record in found[:_MAX_SHOWN])
+            more = f" and {len(found) - _MAX_SHOWN} more" if len(found) > _MAX_SHOWN else ""
             raise RequestError(f"Several {kind}s begin with {text}: {some}{more}; type more of it.")
 
-        return ids[0] if ids else text
+        return found[0].id if found else text
 
     def no_run(self, id: str) -> RequestError:
         """Returns the error for an id of which there is no run; it names the most similar one."""

@@ -135,5 +135,7 @@ def test_unique_prefix_of_id_is_completed(results, monkeypatch):
     for text in (f"{folder}", f"{relative}/", f"./{relative.parent}"):
         assert results.complete_id("run", text) == "a/sac/s00-33"
     assert results.complete_id("encoder", "a/sac") == "a/sac"
-    with pytest.raises(RequestError, match="Several runs begin with a/td3: "):
+    date = r"\(\d{4}-\d\d-\d\d \d\d:\d\d UTC\)"
+    several = rf"Several runs begin with a/td3: a/td3/\S+ {date}, a/td3/"
+    with pytest.raises(RequestError, match=several):
         results.complete_id("run", "a/td3")

@@ -63,6 +63,11 @@ def names_typed(typed: Sequence[str]) -> tuple[tuple[str, str], ...]:
                 f"--names {text}: type a name of the report and the one to show, such as "
                 "--names six-rows=ours."
             )
+        if match := re.search(r",([^\s,=]+=.*)", new):
+            raise RequestError(
+                f"--names {text}: type --names for each name, as in --names "
+                f"{text[: -len(match[0])]} --names {match[1]}."
+            )
 
         pairs.append((old, new))
 

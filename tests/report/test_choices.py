@@ -93,6 +93,10 @@ def test_unknown_column_or_name_is_refused_before_anything_is_written(fabric, ou
     assert "the report has no six; it has dae4, full." in capsys.readouterr().err.replace(
         "full, dae4", "dae4, full"
     )
+    assert report(fabric, out, "--names", "dae4=ours,full=all of it") == 2
+    assert "type --names for each name, as in --names dae4=ours --names full=all of it." in (
+        capsys.readouterr().err
+    )
     assert report(fabric, out, "--names", "six") == 2
     assert "such as --names six-rows=ours" in capsys.readouterr().err
     assert not (out / "index.html").exists()

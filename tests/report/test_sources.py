@@ -115,7 +115,9 @@ class TestCompare:
         ("compare", "printed"),
         [
             (("engine=none", "engine=sb3"), "No run has engine=none; there are batched, sb3"),
-            (("speed=1", "engine=sb3"), "No run has a setting 'speed'; there are .*algo, .*tau"),
+            (("zzz=1", "engine=sb3"), "No run has a setting 'zzz'; there are .*algo, .*tau"),
+            # The table of a setting is named only where two have the same name.
+            (("taau=1", "tau=0.5"), r"'taau'; did you mean tau\? There are [^.]*\.$"),
             (("nowhere", "engine=sb3"), "there is no such directory; type two results dir"),
             (("sb3", "batched"), "or settings such as engine=sb3."),
             (("tau=0.25, engine=batched", "tau=0.5"), "no run with an episode of tau=0.25"),

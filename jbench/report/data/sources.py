@@ -15,7 +15,7 @@ import pyarrow.compute as pc
 from jbench.errors import NothingYetError, RequestError
 from jbench.importing.curves import as_imports, as_runs
 from jbench.importing.dialects import read_curves
-from jbench.names import REFERENCE
+from jbench.names import REFERENCE, closest
 from jbench.report.data.build import build, usable_runs
 from jbench.report.data.configuration import Configuration, paper_order
 from jbench.report.data.points import PATHS, POINT, run_paths
@@ -231,7 +231,11 @@ def _have_settings(text: str, recorded: pd.Series) -> BoolArray:
         known = {shown for run in flat for key, shown in run if key == name}
         if not known:
             names = sorted({key for run in flat for key, _ in run})
-            raise RequestError(f"No run has a setting {name!r}; there are {', '.join(names)}.")
+            # Only settings of the same name in two tables need the name of the table.
+            short = [key for key in names if key.rpartition(".")[2] not in names or "." not in key]
+            close = closest(name, names)
+            others = "there are" if close is None else f"did you mean {close}? There are"
+            raise RequestError(f"No run has a setting {name!r}; {others} {', '.join(short)}.")
         if name == "representation":
             wanted = representations_meant(value, known)
         else:

@@ -4,7 +4,7 @@ A file may consist of several parts, each a matrix, and list planned comparisons
 Nothing heavy is imported here, since every report reads the shipped files.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, create_model
@@ -59,12 +59,29 @@ def encoder_seed(value: Any) -> Any:
     return value
 
 
+def _tables(key: str, owner: str, such_as: str) -> Callable[[Any], Any]:
+    """Returns a validator of a table of tables, one for each algorithm or kind of encoder."""
+
+    def check(table: Any) -> Any:
+        for name, value in table.items() if isinstance(table, dict) else ():
+            if not isinstance(value, dict):
+                raise RequestError(
+                    f"{name} is directly in the table {key}: write it in that of its {owner}, such "
+                    f"as {key}.{such_as}.{name}."
+                )
+        return table
+
+    return check
+
+
 class EncoderPart(Settings):
     """The table [encoder]: how missing encoders are trained."""
 
     # Of all encoders, or each: the seed of the agent.
     seed: Annotated[Seed | Literal["each"], BeforeValidator(encoder_seed)] = 0
-    options: dict[str, dict[str, Any]] = Field(default_factory=dict)  # by kind
+    options: Annotated[
+        dict[str, dict[str, Any]], BeforeValidator(_tables("encoder.options", "kind", "dae"))
+    ] = Field(default_factory=dict)
 
 
 class Matrix(_keys(RunSettings, *(n for n in TYPED if not n.startswith(_EVALUATION)))):  # type: ignore[misc]
@@ -76,7 +93,9 @@ class Matrix(_keys(RunSettings, *(n for n in TYPED if not n.startswith(_EVALUATI
     representations: _Names = (FULL,)
     seeds: _Seeds = tuple(range(10))
     settings: Base | None = None  # None for that of the task
-    hyperparameters: dict[str, dict[str, Any]] = Field(default_factory=dict)  # by algorithm
+    hyperparameters: Annotated[
+        dict[str, dict[str, Any]], BeforeValidator(_tables("hyperparameters", "algorithm", "td3"))
+    ] = Field(default_factory=dict)
     evaluation: _Evaluation = _Evaluation()  # type: ignore[valid-type]
     dataset: _Dataset = _Dataset()  # type: ignore[valid-type]  # of missing encoders
     encoder: EncoderPart = EncoderPart()

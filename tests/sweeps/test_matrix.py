@@ -154,6 +154,15 @@ def test_keys_outside_parts_are_defaults_of_parts(cells_in):
         ("algos = ['td3']\n[part]\ntasks = ['move_to_pose']\n", "write [[part]] above each"),
         ("[[prat]]\ntasks = ['move_to_pose']\n", "Unknown key 'prat'; did you mean part?"),
         (PARTS + "engine = 'sb3'\n", "ppo has no setting engine"),
+        (
+            PARTS + "[part.hyperparameters]\ntau = 0.5\n",
+            "tau is directly in the table hyperparameters: write it in that of its algorithm, such "
+            "as hyperparameters.td3.tau.",
+        ),
+        (
+            PARTS + "[part.encoder.options]\nnoise = 0.5\n",
+            "write it in that of its kind, such as encoder.options.dae.noise.",
+        ),
     ],
 )
 def test_invalid_part_is_reported_in_one_line(text, says, refused_for):

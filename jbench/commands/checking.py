@@ -98,10 +98,19 @@ def _show_other_code(database: "Results") -> list["OtherCode"]:
         )
         output.say(f"{other.kind} {other.id}, of {short_date(other.created)}: {what}.")
 
-    if others:
-        count = counted(len(others), "record")
+    by_state = {
+        "has changed": [other for other in others if other.files],
+        "is not at hand": [other for other in others if not other.files],
+    }
+    states = [
+        f"that of {counted(len(records), 'record')} {state}"
+        for state, records in by_state.items()
+        if records
+    ]
+    if states:
         output.say(
-            f"The code of {count} is not the present one: see above; their files are intact."
+            f"About your code: {' and '.join(states)}, see above. The files of these records are "
+            "intact."
         )
 
     return others

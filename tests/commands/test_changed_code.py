@@ -124,6 +124,7 @@ def check_verify(project, edited):
     else:
         assert f"run {run}, of" in done.stdout
     assert f"{edited} has changed since then." in words(done.stdout)
+    assert re.search(r"About your code: that of \d records? has changed, see", words(done.stdout))
     assert "all of them intact" in words(done.stdout)
     repeated = words(project.type("verify", "--reevaluate").stdout)
     if project.kind != "agent":
@@ -140,7 +141,9 @@ def check_merge(project, edited):
     assert len(project.runs()) == 4
     project.succeed("merge", other.results)
     (other.folder / f"{project.owner}.py").unlink()
-    assert "its code is not at hand" in words(other.succeed("verify").stdout)
+    printed = words(other.succeed("verify").stdout)
+    assert "its code is not at hand" in printed
+    assert re.search(r"About your code: that of \d records? is not at hand, see", printed)
 
 
 def check_sweep(project, edited):
@@ -206,7 +209,7 @@ def test_comments_and_formatting_are_no_change(made, kind, tmp_path):
     project.comment()
     assert "has changed" not in project.make()
     assert set(project.runs()) == before
-    assert "not the present one" not in project.succeed("verify").stdout
+    assert "About your code" not in project.succeed("verify").stdout
 
 
 def test_training_says_that_its_encoder_is_of_data_of_other_code(made, tmp_path):
@@ -234,7 +237,7 @@ def test_runs_of_older_versions_keep_their_ids_and_are_joined_by_more_seeds(made
     (new,) = project.runs().keys() - old
     assert "sources" not in project.runs()[new].settings["specs"]
     assert project.runs()[new].manifest.provenance["task_sources"]
-    assert "not the present one" not in project.succeed("verify").stdout
+    assert "About your code" not in project.succeed("verify").stdout
     (row,) = evaluations_of(project)
     assert row["seeds"] == 3
 

@@ -136,6 +136,8 @@ def collect(
     def kept() -> str:
         begun = database.find("dataset", settings.id)
         steps = 0 if begun is None else recorded_layout(begun).control_steps(begun)
+        if not steps:
+            return "No control step is kept yet; the same command begins again."
         return (
             f"{steps:,} of {settings.steps:,} control steps are kept; the same command continues "
             "there."

@@ -88,9 +88,14 @@ def kept(runs: Sequence[RunSettings], results: Results) -> str:
     statuses = run_statuses(runs, results).values()
     finished = sum(status.state == "finished" for status in statuses)
     begun = sum(status.state == "unfinished" for status in statuses)
+    if not finished and not begun:
+        return "No run has begun yet; the same command begins again."
+
+    each = "continues it" if begun == 1 else "continues each of these"
+    goes_on = f"{each} from its last checkpoint" if begun else "trains the others"
     return (
         f"Of {counted(len(runs), 'run')}, {finished} {are(finished)} finished and {begun} begun; "
-        "the same command continues each from its last checkpoint."
+        f"the same command {goes_on}."
     )
 
 

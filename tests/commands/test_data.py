@@ -43,11 +43,11 @@ def test_collect_stopped_by_ctrl_c_reports_that_it_can_resume(tmp_path):
         _, output = process.communicate(timeout=120)
     finally:
         process.kill()
-    (kept,) = Results(tmp_path).scan("dataset")[0]
-    steps = kept.rows("dataset_episodes") * 1000
-    assert output.splitlines()[-1] == (
-        f"Stopped. {steps:,} of 500,000 control steps are kept; the same command continues there."
-    )
+    (dataset,) = Results(tmp_path).scan("dataset")[0]
+    steps = dataset.rows("dataset_episodes") * 1000
+    kept = f"{steps:,} of 500,000 control steps are kept; the same command continues there."
+    nothing = "No control step is kept yet; the same command begins again."
+    assert output.splitlines()[-1] == f"Stopped. {kept if steps else nothing}"
     assert process.returncode == 130
     assert [record.status for record in Results(tmp_path).scan("dataset")[0]] == ["unfinished"]
 

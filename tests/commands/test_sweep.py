@@ -11,6 +11,7 @@ from functools import partial
 import pytest
 
 from jbench.cli import main
+from jbench.commands import training
 from jbench.errors import RequestError
 from jbench.store import Results
 from jbench.sweeps import executors
@@ -140,6 +141,8 @@ def test_encoders_are_trained_on_requested_device(tmp_path, results, monkeypatch
 def test_sweep_stopped_by_ctrl_c_resumes(tmp_path, results):
     matrix = write_matrix(tmp_path, steps=1000, seeds="0")
     (run,) = runs_of_matrix(matrix, results)
+    nothing = "No run has begun yet; the same command begins again."
+    assert training.kept([run], results) == nothing
     process = start(matrix, "--checkpoint-every", "0", results=results)
     wait_until(lambda: committed(run, results), process)
     (pid,) = workers(process)
@@ -147,7 +150,7 @@ def test_sweep_stopped_by_ctrl_c_resumes(tmp_path, results):
     os.killpg(process.pid, signal.SIGINT)
     printed = ended(process)
     assert process.returncode == 130
-    kept = "Stopped. Of 1 run, 0 are finished and 1 begun; the same command continues each from its"
+    kept = "Stopped. Of 1 run, 0 are finished and 1 begun; the same command continues it from its"
     assert f"{kept} last checkpoint." in printed
     assert "Traceback" not in printed
     assert (held([run], results), states([run], results)) == ([], ["unfinished"])

@@ -67,7 +67,7 @@ def test_interrupt_during_start_of_worker_ends_worker(tmp_path):
     finally:
         process.kill()
     assert process.returncode == 130
-    assert printed.splitlines()[-1].startswith("Stopped. Of 1 run, 0 are finished and ")
+    assert printed.splitlines()[-1].startswith(("Stopped. Of 1 run, 0 are", "Stopped. No run has"))
     assert "Traceback" not in printed
 
 

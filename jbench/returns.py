@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench.names import ReturnsName
+from jbench.task_specs import return_range
 
 EVALUATION: ReturnsName = "evaluation"
 """Mean return of the episodes of an evaluation, in which the policy is deterministic."""
@@ -42,14 +43,17 @@ def mean_over_run(points: _Floats) -> float | None:
     return float(finite.mean()) if len(finite) else None
 
 
-def diverged_return(training: _Floats) -> float:
-    """Returns what a run that diverged counts with from then on, and in lists of runs.
+def diverged_return(training: _Floats, task: str) -> float | None:
+    """Returns what a run on a task that diverged counts with from then on: its final return.
 
-    A report's training return still averages the episodes before. The number is 0, the lowest
-    return of most tasks, or the lowest of its training returns (episodes,) if that is negative: on
-    a task whose returns are costs, 0 would be a success.
+    It is 0, the lowest return of most tasks, or the lowest of its training returns (episodes,) if
+    that is negative: on a task whose returns are costs, 0 would be a success. It is None if no
+    return is finite and the lowest one of the task is unknown, since 0 might be the best.
     """
-    return float(np.min(training, initial=0.0, where=np.isfinite(training)))
+    finite = training[np.isfinite(training)]
+    if not len(finite) and return_range(task) is None:
+        return None
+    return float(np.min(finite, initial=0.0))
 
 
 def last_evaluation_return(evaluations: NDArray[np.int32], returns: _Floats) -> float | None:

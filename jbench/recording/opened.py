@@ -204,7 +204,9 @@ def _returns_at_end(source: sources.Source) -> FloatArray:
 
     It is NaN for a run without evaluations.
     """
-    rows = source.evaluations.filter(pc.field("episode") < ADDED).to_pandas(use_threads=False)
+    # The means of imported evaluations have no number of an episode.
+    own = pc.field("episode").is_null() | (pc.field("episode") < ADDED)
+    rows = source.evaluations.filter(own).to_pandas(use_threads=False)
     ends = {
         run: last_evaluation_return(of["evaluation"].to_numpy(), of["episode_return"].to_numpy())
         for run, of in rows.groupby("run")

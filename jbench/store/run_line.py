@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from jbench.names import ReturnsName
 from jbench.returns import EVALUATION, diverged_return, final_return, last_evaluation_return
-from jbench.settings.recorded import recorded_episode_steps
+from jbench.settings.recorded import read_run, recorded_episode_steps
 from jbench.store.evaluations import evaluation_returns
 from jbench.store.record import Record
 from jbench.store.roles import CHECKPOINT
@@ -98,7 +98,7 @@ def make_line(record: Record) -> RunLine:
 def line_with_returns(record: Record, added: Sequence[NDArray[np.float64]]) -> RunLine:
     """Returns the line of a record with its final returns.
 
-    Those of a run that diverged are its `diverged_return`.
+    Those of a run that diverged are its `diverged_return`, of evaluations only if any were planned.
 
     Args:
         record: of a run or an import.
@@ -118,10 +118,10 @@ def line_with_returns(record: Record, added: Sequence[NDArray[np.float64]]) -> R
 
     training = rows["episode_return"].to_numpy()
     if has_diverged(record.manifest):
-        lowest = diverged_return(training)
-        return _with_returns(line, lowest, lowest, lowest)
-    if not len(rows):
-        return line
+        counted = diverged_return(training, str(line.task))
+        planned = read_run(record.settings).evaluate_episodes or record.rows("evaluations")
+        evaluation = counted if planned else None
+        return _with_returns(line, counted, evaluation, evaluation)
 
     return _with_returns(
         line,

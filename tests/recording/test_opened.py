@@ -5,6 +5,7 @@ import pytest
 
 import jbench
 from jbench.errors import RequestError
+from tests.report.conftest import import_curves
 
 
 @pytest.fixture(scope="module")
@@ -95,3 +96,10 @@ def test_curves_of_seeds_have_the_quantiles_of_the_curves(shipped):
     training = shipped.curves(**asked, returns="training", per_seed=True)
     assert set(training["returns"]) == {"training"}
     assert training.groupby("run").size().nunique() == 1
+
+
+def test_imported_evaluations_have_their_return_at_the_end(tmp_path):
+    import_curves(tmp_path, "other", {0: [1.0, 2.0], 1: [3.0, 5.0]}, "--returns", "evaluation")
+    runs = jbench.open(tmp_path).runs().set_index("seed")
+    assert runs["evaluation_return_at_end"].to_dict() == {0: 2.0, 1: 5.0}
+    assert runs["evaluation_return"].to_dict() == {0: 2.0, 1: 5.0}

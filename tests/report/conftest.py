@@ -24,10 +24,12 @@ SETTINGS = {
 }
 
 
-def episodes(run, returns):
-    """Returns rows of the table `episodes`, each of 1000 control steps."""
+def episodes(run, returns, ends=None):
+    """Returns rows of the table `episodes`, by default each of 1000 control steps."""
     index = np.arange(len(returns))
-    columns = {"run": run, "episode": index, "control_steps": 1000 * (index + 1), "length": 1000}
+    ends = 1000 * (index + 1) if ends is None else np.asarray(ends)
+    lengths = np.diff(ends, prepend=0)
+    columns = {"run": run, "episode": index, "control_steps": ends, "length": lengths}
     columns["episode_return"] = np.asarray(returns, float)
     columns["wall_time"] = index * 1.0
     return listed.to_table(pd.DataFrame(columns), schema.EPISODES)
@@ -49,17 +51,20 @@ class FabricatedResults:
     def run(self, returns, seed=0, *, status="finished", **changes):
         """Adds a run with these episode returns and settings; returns its record.
 
-        `changes` may have `evaluated` (mean returns of its evaluations by control steps), `metrics`
-        (values at two steps by name) and `diverged` (control step of divergence).
+        `changes` may have `evaluated` (mean returns of its evaluations by control steps, perhaps
+        none so far), `metrics` (values at two steps by name), `diverged` (control step of
+        divergence) and `ends` (control steps of the run at the end of each episode).
         """
         steps = changes.pop("steps", len(returns) * 1000)
-        evaluated, metrics = changes.pop("evaluated", {}), changes.pop("metrics", {})
-        diverged = changes.pop("diverged", None)
+        evaluated, metrics = changes.pop("evaluated", None), changes.pop("metrics", {})
+        diverged, ends = changes.pop("diverged", None), changes.pop("ends", None)
         settings = {**SETTINGS, **changes, "seed": seed, "steps": steps}
+        if evaluated is not None:
+            settings.setdefault("evaluate_episodes", 2)
         self.count += 1
         id = f"face_direction/r{self.count:04d}"
         record = self.results.create("run", id, settings)
-        tables = {"episodes": episodes(id, returns)}
+        tables = {"episodes": episodes(id, returns, ends)}
         if evaluated:
             tables["evaluations"] = evaluations(id, evaluated)
         if metrics:

@@ -119,6 +119,13 @@ def test_longest_run_of_seed_is_used_and_noted(fabric):
     assert not any("unfinished" in note for note in cell.notes)
 
 
+def test_run_of_more_control_steps_is_used_although_it_has_fewer_episodes(fabric):
+    fabric.run([1.0] * 5, steps=100, ends=[20, 40, 60, 80, 100], task="gym:Hopper-v5")
+    fabric.run([2.0] * 3, steps=3000, task="gym:Hopper-v5")
+    (cell,), _ = fabric.configurations()
+    assert cell.returns.tolist() == [[2.0] * 3]
+
+
 def test_failed_and_unfinished_runs_are_used_and_noted(fabric):
     fabric.run([1] * 4, seed=0)
     fabric.run([2] * 2, seed=1, status="failed", steps=4000)

@@ -40,7 +40,10 @@ def test_settings_are_named_by_path_and_include_omitted_ones(found):
     assert first["precision"] == "float32"  # the record omits this default
     fields = ("task", "algo", "representation", "seed", "encoder")
     assert [name for name in first if name in fields] == [*fields]
-    assert {name for name in first if first[name] != second[name]} == {"seed"}
+    assert {name for name in first if first[name] != second.get(name)} == {
+        "seed",
+        "evaluate_episodes",
+    }
 
 
 def test_run_without_episodes_is_in_no_configuration(found):

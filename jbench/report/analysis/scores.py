@@ -58,6 +58,14 @@ def _computed(configuration: Configuration, control_steps: int | None) -> Scores
     elif configuration.source in (IMPORTED, FILE):  # whose points need not be episodes
         deviations = np.full(len(final), np.nan)
 
+    # Also if there is no point after it, or the mean of the last points has some before it.
+    has_diverged = configuration.diverged_at <= end
+    if control_steps is None:
+        has_diverged = configuration.diverged
+    final = np.where(has_diverged, configuration.diverged_returns, final)
+    deviations = np.where(has_diverged, 0.0, deviations)
+    episodes = np.where(has_diverged, np.maximum(episodes, 1), episodes)
+
     area = _means_over_run(configuration, configuration.beside, end)
     usable = np.isfinite(final) & np.isfinite(area)
     return Scores(

@@ -15,8 +15,15 @@ import pyarrow as pa
 from jbench.names import ReturnsName
 from jbench.report.data.code import note_changes, recorded_code, split_by_code
 from jbench.report.data.configuration import KEY, Configuration, paper_order
-from jbench.report.data.points import FIELDS, NOTHING, count_divergence, run_points, stacked
-from jbench.report.data.source_names import FILE, OWN
+from jbench.report.data.points import (
+    CONTROL_STEPS,
+    NOTHING,
+    RETURN,
+    count_divergence,
+    run_points,
+    stacked,
+)
+from jbench.report.data.source_names import FILE, OWN, has_return_range
 from jbench.returns import EVALUATION, TRAINING, diverged_return
 from jbench.settings.code_words import code_dates
 from jbench.settings.recorded import comparable, parse_run
@@ -25,9 +32,8 @@ from jbench.statistics import FloatArray, IntArray
 from jbench.statistics.bootstrap import MIN_SEEDS
 from jbench.wording import are, counted
 
-_ORDER = ["seed", "recorded", "steps", "run"]
-_ASCENDING = [True, False, False, True]
-_RETURN = FIELDS.index("returns")
+_ORDER = ["seed", "reached", "recorded", "steps", "run"]
+_ASCENDING = [True, False, False, False, True]
 _NAMES = {TRAINING: ("episode", "return"), EVALUATION: ("evaluation", "evaluation")}
 
 PointsByKind = Mapping[ReturnsName, Mapping[str, FloatArray]]
@@ -72,6 +78,9 @@ def build(
 ) -> tuple[list[Configuration], list[str]]:
     """Returns the configurations in the order of the paper, and notes on runs that are in none.
 
+    These are runs without episodes, and those that diverged before there was any return from which
+    a `diverged_return` follows.
+
     Runs with the same settings have training returns if any has training episodes, and evaluation
     returns if any was evaluated. The tables of episodes and evaluations may contain other runs.
     `encoders` are names of encoders by id; see `variant_words`.
@@ -91,13 +100,9 @@ def build(
     runs["variant"] += codes.where(codes == "", "-" + codes.str.replace(" ", "-"))
     dates = code_dates(zip(runs["typed"], runs["created"], strict=True))
 
-    idle = (runs["recorded"] == 0) & runs["diverged"].isna()
-    notes = [
-        f"The run {run} ({status}) has no episodes yet."
-        for run, status in zip(runs["run"][idle], runs["status"][idle], strict=True)
-    ]
+    used, notes = _used(runs)
     built: list[Configuration] = []
-    for _, group in runs[~idle].groupby(["algo", "representation"]):
+    for _, group in used.groupby(["algo", "representation"]):
         words = variant_words(
             dict(zip(group["settings_variant"], group["typed"], strict=True)), dates, encoders
         )
@@ -121,25 +126,47 @@ def build(
 def _described(runs: pd.DataFrame, points: PointsByKind) -> pd.DataFrame:
     """Returns what `Configuration` and notes need of runs, without other, long texts.
 
-    Further columns: recorded (number of points), diverged (control steps; NaN: never) and
-    divergence (in words), lowest (what a diverged run counts with), typed (its settings, read) and
+    Further columns: recorded (number of points), reached (control steps at the last one), diverged
+    (control steps; NaN: never) and divergence (in words), lowest (what a diverged run counts with), typed (its settings, read) and
     code (what is recorded of users' code).
     """
-    recorded = {**points[EVALUATION], **points[TRAINING]}
+    known = {**points[EVALUATION], **points[TRAINING]}
+    recorded = [known.get(run, NOTHING) for run in runs["run"]]
     ends = [divergence(text) for text in runs["diverged"]]
-    trained = [points[TRAINING].get(run, NOTHING) for run in runs["run"]]
+    lowest = [
+        diverged_return(points[TRAINING].get(run, NOTHING)[:, RETURN], task)
+        for run, task in zip(runs["run"], runs["task"], strict=True)
+    ]
     settings = [parse_run(text) for text in runs["settings"]]
     provenance = runs["provenance"] if "provenance" in runs else [None] * len(runs)
     code = [recorded_code(text) for text in provenance]
 
     return runs[[*KEY, "run", "seed", "steps", "status", "encoder", "created"]].assign(
-        recorded=[len(recorded.get(run, NOTHING)) for run in runs["run"]],
+        recorded=[len(made) for made in recorded],
+        reached=[np.nanmax(made[:, CONTROL_STEPS], initial=0.0) for made in recorded],
         diverged=[at for at, _ in ends],
         divergence=[words for _, words in ends],
-        lowest=[diverged_return(each[:, _RETURN]) for each in trained],
+        lowest=np.array(lowest, float),
         typed=pd.Series(settings, runs.index, object),
         code=pd.Series(code, runs.index, object),
     )
+
+
+def _used(runs: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
+    """Returns the runs that have returns or count with one, and a note on each other run."""
+    has_diverged = runs["diverged"].notna()
+    is_idle = ~has_diverged & (runs["recorded"] == 0)
+    is_lost = has_diverged & runs["lowest"].isna()
+    notes = [
+        f"The run {run} ({status}) has no episodes yet."
+        for run, status in zip(runs["run"][is_idle], runs["status"][is_idle], strict=True)
+    ]
+    notes += [
+        f"The run {run} diverged before its first episode ended, so it has no return; it is left "
+        "out, and its configuration looks better than it is."
+        for run in runs["run"][is_lost]
+    ]
+    return runs[~is_idle & ~is_lost], notes
 
 
 def _build(
@@ -148,26 +175,27 @@ def _build(
     """Yields a configuration for each kind of return of runs, the longest of each seed first."""
     chosen = same.drop_duplicates("seed")
     diverged = chosen["diverged"].notna()
-    planned = all(run.evaluate_episodes for run in chosen["typed"])
-    # Diverged runs have training returns, and evaluations if all runs planned them.
-    expected = {TRAINING: diverged.any(), EVALUATION: diverged.all() and planned}
+    planned = np.array([bool(run.evaluate_episodes) for run in chosen["typed"]])
+    # Those that would have returns of a kind if they had not diverged.
+    expected = {TRAINING: diverged, EVALUATION: diverged & planned}
     notes: list[str] | None = None
     for kind, recorded in points.items():
         known = chosen["run"].isin([*recorded])
-        if not (expected[kind] or known.any()):
+        has_points = known | expected[kind]
+        if not has_points.any():
             continue
         # Both kinds are of the same runs, on which only the first one has notes.
         notes = _notes_on_runs(same, chosen, kind, words) if notes is None else []
-        used = chosen[known | diverged]
+        used = chosen[has_points]
         if missing := len(chosen) - len(used):
             point = "evaluation" if kind == EVALUATION else "training episode"
             notes = [f"{missing} of {len(chosen)} seeds have no {point}", *notes]
         stacks = stacked([recorded.get(run, NOTHING) for run in used["run"]], kind)
         absent = np.isnan(stacks.returns) & np.isfinite(stacks.control_steps)
-        if diverged.any():
+        at = used["diverged"].to_numpy(float)
+        if np.isfinite(at).any():
             longest = int(used["steps"].fillna(0).max())
             length = used["typed"].iloc[0].episode_steps
-            at = used["diverged"].to_numpy(float)
             lowest = used["lowest"].to_numpy(float)
             stacks = count_divergence(stacks, at, lowest, longest, kind, length)
 
@@ -201,11 +229,9 @@ def _notes_on_runs(
     diverged = chosen[chosen["diverged"].notna()]
     if len(diverged):
         which = ", ".join("seed " + diverged["seed"].astype(str) + " " + diverged["divergence"])
-        is_negative = (diverged["lowest"] < 0).any()
-        lowest = "its lowest training return" if is_negative else "return 0, the minimum"
         notes.append(
             f"{len(diverged)} of {len(chosen)} diverged ({which}): from its divergence on, a seed "
-            f"counts with {lowest}"
+            f"counts with {_what_counts(diverged)}"
         )
 
     for ended in ("failed", "unfinished"):
@@ -218,6 +244,19 @@ def _notes_on_runs(
         notes.append(f"seeds of unequal length, {different.min()} to {different.max()} {point}s")
 
     return notes
+
+
+def _what_counts(diverged: pd.DataFrame) -> str:
+    """Returns what each of some runs counts with from its divergence on."""
+    is_negative = diverged["lowest"] < 0
+    if is_negative.all():
+        return "its lowest training return"
+    if is_negative.any():
+        seeds = ", ".join(diverged["seed"][~is_negative].astype(str))
+        return f"its lowest training return (seed {seeds}: 0, which is lower)"
+
+    is_minimum = has_return_range(diverged["task"], ())
+    return "return 0, the minimum" if is_minimum else "return 0, which is lower than its returns"
 
 
 def _notes_on_points(config: Configuration, absent: IntArray) -> list[str]:

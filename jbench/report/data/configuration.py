@@ -43,6 +43,7 @@ class Configuration:
 
     Attributes:
         returns, control_steps, processor_time, deviations, counts: (seeds, points); see `Points`.
+        diverged_at, diverged_returns: (seeds,) when in control steps, NaN for never; and as what.
         lengths: (seeds,) number of points of each run.
         last_step, longest: last control step that every seed has reached, or any.
         steps: (seeds,) control steps of training: as planned for finished runs, else up to the last
@@ -99,7 +100,9 @@ class Configuration:
 
         self.seeds = runs["seed"].to_numpy(np.int64)
         self.runs = tuple(runs["run"])
-        self.diverged = runs["diverged"].notna().to_numpy()
+        self.diverged_at = runs["diverged"].to_numpy(float)
+        self.diverged = np.isfinite(self.diverged_at)
+        self.diverged_returns = runs["lowest"].to_numpy(float)
         self.finished = (runs["status"] == "finished").to_numpy()
         self.draws = runs["encoder"].nunique()
         self.settings = first["typed"]

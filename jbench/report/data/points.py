@@ -44,6 +44,9 @@ class Points:
 FIELDS = [field.name for field in fields(Points)]
 """Columns of the points of one run."""
 
+RETURN = FIELDS.index("returns")
+CONTROL_STEPS = FIELDS.index("control_steps")
+
 NOTHING = np.empty((0, len(FIELDS)))
 """Points of a run without any."""
 
@@ -110,7 +113,7 @@ def stacked(runs: Sequence[FloatArray], kind: ReturnsName) -> Points:
     """
     columns = [np.arange(len(run)) for run in runs]
     if kind == EVALUATION:
-        at = [run[:, FIELDS.index("control_steps")] for run in runs]
+        at = [run[:, CONTROL_STEPS] for run in runs]
         grid = np.unique(np.concatenate(at))
         columns = [np.searchsorted(grid, steps) for steps in at]
 
@@ -133,7 +136,7 @@ def count_divergence(
     """Returns the points with diverged seeds extended to the end of the others, or as planned.
 
     Args:
-        points: of all seeds; they are changed in place, unless all have diverged.
+        points: of all seeds; they may be changed in place.
         at: control steps (seeds,) after which they diverged; NaN if they did not.
         lowest: return (seeds,) that they count with from then on; see `diverged_return`.
         planned: control steps of a run.
@@ -163,6 +166,32 @@ def count_divergence(
         points.counts[row, late] = 1.0
         if kind == EVALUATION:
             points.deviations[row, after] = 0.0
+
+    end = planned if np.isfinite(at).all() else np.nanmax(control_steps[np.isnan(at)])
+    return _continued(points, at, lowest, end, kind)
+
+
+def _continued(
+    points: Points, at: FloatArray, lowest: FloatArray, end: float, kind: ReturnsName
+) -> Points:
+    """Returns the points with two more of each diverged seed whose points end before `end`.
+
+    Where episodes end early, such a seed may have more of them than the others, up to an earlier
+    control step. See `count_divergence` for the arguments.
+    """
+    control_steps = points.control_steps
+    last = np.max(np.where(np.isfinite(control_steps), control_steps, 0.0), axis=1)
+    is_short = np.isfinite(at) & (last < end)
+    if not is_short.any():
+        return points
+
+    points = _with_empty_points(points, 2)
+    points.control_steps[is_short, -2] = np.minimum(np.maximum(at, last) + 1, end)[is_short]
+    points.control_steps[is_short, -1] = end
+    points.returns[is_short, -2:] = lowest[is_short, None]
+    points.counts[is_short, -2:] = 1.0
+    if kind == EVALUATION:
+        points.deviations[is_short, -2:] = 0.0
 
     return points
 

@@ -17,7 +17,7 @@ from jbench.report.table import (
     plain,
 )
 from jbench.statistics.bootstrap import DECIDING_SEEDS
-from jbench.studies.deciding import MARGIN
+from jbench.studies.deciding import MARGIN, margin
 
 COMPARED = {"a": "final return", "b": "variability", "c": "speed"}  # by a verdict's claim
 
@@ -36,11 +36,12 @@ def verdicts_table(frames: Frames) -> Table:
         SEEDS,
         plain("corrected by", "corrected_by"),
     ]
+    similar = f"Similar: within {MARGIN:g}. " if any(map(margin, rows["task"])) else ""
     caption = (
         f"{frames.returns.capitalize()} returns at the last control step that every seed has "
         "reached. A verdict rests on an interval that is corrected for the other comparisons; the "
-        f"95% interval of the difference alone is beside it. Similar: within {MARGIN:g}. Fewer "
-        f"than {DECIDING_SEEDS} seeds decide nothing."
+        f"95% interval of the difference alone is beside it. {similar}Fewer than {DECIDING_SEEDS} "
+        "seeds decide nothing."
     )
     return Table("verdicts", "Does reduction help?", caption, rows, columns)
 

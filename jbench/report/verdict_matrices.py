@@ -13,7 +13,7 @@ from jbench.report.data.source_names import OWN
 from jbench.report.frames import Frames
 from jbench.report.numbers import rounded
 from jbench.statistics.bootstrap import DECIDING_SEEDS
-from jbench.studies.deciding import MARGIN
+from jbench.studies.deciding import margin
 
 _STATES = {"✓": "for", "✗": "against"}
 
@@ -145,6 +145,7 @@ def _cell(row: Mapping[Any, Any], reach: float) -> VerdictCell:
     def at(value: float) -> float:
         return round(60 + 56 * float(np.nan_to_num(np.clip(value / (reach or 1), -1, 1))), 1)
 
+    similar = margin(row["task"])
     difference = rounded(row["value"])
     interval = ""
     if np.isfinite([row["low"], row["high"]]).all():
@@ -170,5 +171,5 @@ def _cell(row: Mapping[Any, Any], reach: float) -> VerdictCell:
         high=at(row["high"]),
         corrected_low=at(row["corrected_low"]),
         corrected_high=at(row["corrected_high"]),
-        margin=(at(-MARGIN), at(MARGIN)) if row["claim"] == "a" else None,
+        margin=(at(-similar), at(similar)) if row["claim"] == "a" and similar else None,
     )

@@ -56,7 +56,7 @@ def decided_at(
 
     Args:
         ours, theirs: (..., seeds) numbers of the seeds in complete blocks.
-        margin: two configurations that differ by less are equal.
+        margin: two configurations that differ by less are equal; 0 if none are.
         error_rate: two-sided, over all analyses.
         analyses: number of planned analyses.
     """
@@ -64,6 +64,8 @@ def decided_at(
         first_above, error_rate=error_rate / 2, analyses=analyses, relabelings=relabelings
     )
     if verdict == "equal":
+        if not margin:
+            return np.zeros(ours.shape[:-1], np.int64)
         lower, upper = above(ours + margin, theirs), above(theirs + margin, ours)
         return np.where((lower > 0) & (upper > 0), np.maximum(lower, upper), 0)
     return above(ours, theirs) if verdict == "larger" else above(theirs, ours)

@@ -42,6 +42,9 @@ class Stop(NamedTuple):
 Interval = Callable[[float], tuple[float, float]]
 """Gives the ends of a number's interval at a confidence."""
 
+Decides = Callable[[float], bool]
+"""Tells whether a comparison is decided by its interval at a confidence."""
+
 Reached = Callable[[int, Verdict, float], int]
 """Interim analysis at which a comparison (its index) has a verdict at a two-sided rate; else 0."""
 
@@ -102,7 +105,7 @@ def decide(
     pairs: Sequence[tuple[FloatArray, FloatArray]],
     shares: Sequence[float],
     analyses: Sequence[int],
-    margin: float,
+    margins: Sequence[float],
 ) -> list[Decision]:
     """Compares pairs of configurations, each pair up to the interim analysis that decides it.
 
@@ -112,6 +115,7 @@ def decide(
         pairs: (comparisons,) numbers of ours (seeds,) and theirs (seeds,), in the order of seeds.
         shares: (comparisons,) two-sided error rates, whose sum is that of all together.
         analyses: (comparisons,) planned interim analyses.
+        margins: (comparisons,) differences within which both are equal; 0 if they never are.
     """
     complete = []
     cut = []
@@ -121,7 +125,7 @@ def decide(
 
     @cache
     def reached(i: int, verdict: Verdict, rate: float) -> int:
-        return int(complete[i] and decided_at(verdict, *cut[i], margin, rate, analyses[i]))
+        return int(complete[i] and decided_at(verdict, *cut[i], margins[i], rate, analyses[i]))
 
     stops = step_down(reached, shares, max(analyses, default=0))
     decisions = []
@@ -138,11 +142,11 @@ def decide(
     return decisions
 
 
-def corrected_level(family: Sequence[Interval], decides: Callable[[float, float], bool]) -> float:
+def corrected_level(family: Sequence[Decides]) -> float:
     """Returns the error rate of an interval in the last step of Holm's procedure."""
     level = 1.0
     left = len(family)
     while left and (level == 1 or ERROR_RATE / left > level):
         level = ERROR_RATE / left
-        left = sum(not decides(*ends(1 - level)) for ends in family)
+        left = sum(not decides(1 - level) for decides in family)
     return min(level, ERROR_RATE)

@@ -12,10 +12,12 @@ import numpy as np
 from jbench.statistics import FloatArray, step_down
 from jbench.statistics.sequential import BLOCK, Verdict
 from jbench.statistics.step_down import Decision
+from jbench.studies.arms import Arm
+from jbench.task_specs import return_range
 
 MARGIN = 50.0
 """Difference in final return within which two configurations are similar: 5% of the largest
-possible return of an episode."""
+possible return of an episode. See `margin`."""
 
 WORDS = {
     "a": ("higher", "lower"),
@@ -33,12 +35,21 @@ class Compared(Protocol):
     """What a decision needs to know about a comparison."""
 
     @property
+    def first(self) -> Arm:
+        """One of its sides; both are of one task."""
+
+    @property
     def share(self) -> float:
         """The share of the error rate, before other comparisons pass theirs on."""
 
     @property
     def max_seeds(self) -> int:
         """Most seeds of each side, a multiple of the block size."""
+
+
+def margin(task: str) -> float:
+    """Returns the `MARGIN` on a task; 0, by which nothing is similar, if its range is unknown."""
+    return 0.0 if return_range(task) is None else MARGIN
 
 
 def decide(
@@ -59,7 +70,8 @@ def decide(
     ]
     shares = [comparison.share for comparison in comparisons]
     analyses = [comparison.max_seeds // BLOCK for comparison in comparisons]
-    return step_down.decide(pairs, shares, analyses, MARGIN)
+    margins = [margin(comparison.first.task) for comparison in comparisons]
+    return step_down.decide(pairs, shares, analyses, margins)
 
 
 def _first_seeds(returns: Returns, most: int) -> FloatArray:

@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from jbench.report.analysis.claims import examine
 from jbench.report.analysis.decisions import decision_frame, planned_comparisons
 from jbench.report.analysis.verdicts import verdict_frame
 from jbench.report.encoders import prediction_frame, return_frame
@@ -76,6 +77,27 @@ def test_difference_that_excludes_zero_but_not_margin_is_higher(fabric):
     assert row["text"].endswith("; by more than 50: undecided")
 
 
+def test_nothing_is_similar_on_a_task_whose_largest_return_is_unknown(fabric):
+    # Returns of gym:Reacher-v5 are from -60 to -3: the first agents are ten times worse.
+    few = np.linspace(-0.5, 0.5, 8)
+    task = {"task": "gym:Reacher-v5"}
+    learn(fabric, {"full": few - 4, "scaled11": few - 4.1, "dae12": few - 40}, **task)
+    found = verdicts(fabric)
+    assert found["dae12", "full", "a"]["verdict"] == "lower"
+    assert found["scaled", "full", "a"]["verdict"] == "undecided"
+    (finding,) = [found for found in examine(fabric.configurations()[0]) if found.claim == "a"]
+    assert finding.decided.verdict == "contradicted"
+
+
+def test_claim_without_a_verdict_of_similarity_corrects_for_all_others(fabric):
+    # Nothing is decided, so all three intervals of (b), of two comparisons, are those of 0.05 / 2.
+    learn(fabric, {name: 600 + np.linspace(-9, 9, 8) for name in ("full", "pca4", "dae4")})
+    rows = verdicts(fabric)
+    row = rows["pca4", "full", "b"]
+    assert (row["verdict"], row["corrected_by"]) == ("undecided", "Holm, 2 comparisons")
+    assert row["corrected_low"] < row["low"] < 0 < row["high"] < row["corrected_high"]
+
+
 def test_every_verdict_is_corrected_for_the_others(fabric):
     # The difference excludes 0 by itself, but not as one of many.
     near = FINALS["full"] + np.linspace(0, 9, 8) - 1
@@ -90,20 +112,17 @@ def test_every_verdict_is_corrected_for_the_others(fabric):
 
 
 def test_error_rate_is_divided_by_the_comparisons_that_are_left():
-    # Intervals that exclude 0 at two-sided rates above 0.001, 0.02, 0.024 and never.
-    def interval(rate):
-        return lambda confidence: (1.0, 2.0) if 1 - confidence >= rate else (-100.0, 100.0)
+    # Comparisons that are decided at two-sided rates above 0.001, 0.02, 0.024 and never.
+    def decides(rate):
+        return lambda confidence: 1 - confidence >= rate
 
-    def decides(low, high):
-        return low > 0
-
-    intervals = [interval(rate) for rate in (0.001, 0.02, 0.024, 1)]
+    family = [decides(rate) for rate in (0.001, 0.02, 0.024, 1)]
     # 0.05 / 4 decides the first, 0.05 / 3 none of the others.
-    assert corrected_level(intervals, decides) == pytest.approx(0.05 / 3)
+    assert corrected_level(family) == pytest.approx(0.05 / 3)
     # 0.05 / 3 decides two of three, and 0.05 the last one.
-    intervals = [interval(rate) for rate in (0.001, 0.016, 0.04)]
-    assert corrected_level(intervals, decides) == pytest.approx(0.05)
-    assert corrected_level([], decides) == 0.05
+    family = [decides(rate) for rate in (0.001, 0.016, 0.04)]
+    assert corrected_level(family) == pytest.approx(0.05)
+    assert corrected_level([]) == 0.05
 
 
 def test_listed_comparison_has_the_verdict_of_the_sequential_test(fabric):

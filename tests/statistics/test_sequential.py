@@ -11,7 +11,7 @@ ANALYSES = 6  # at 5, 10 ... 30 seeds
 
 
 def compare(ours, theirs, margin, rate, analyses):
-    (decision,) = decide([(ours, theirs)], [rate], [analyses], margin)
+    (decision,) = decide([(ours, theirs)], [rate], [analyses], [margin])
     return decision
 
 

@@ -66,8 +66,8 @@ def test_decisions_of_bonferroni_remain_and_others_are_added():
     theirs = random.normal(0, 100, 10)
     pairs = [(random.normal(shift, 100, 10), theirs) for shift in (400, 106, 0)]
     shares = [0.05 / 3] * 3
-    together = decide(pairs, shares, [2] * 3, 0)
-    alone = [decide([pair], shares[:1], [2], 0)[0] for pair in pairs]
+    together = decide(pairs, shares, [2] * 3, [0] * 3)
+    alone = [decide([pair], shares[:1], [2], [0])[0] for pair in pairs]
     assert [decision.verdict for decision in alone] == ["larger", "undecided", "undecided"]
     assert [decision.verdict for decision in together] == ["larger", "larger", "undecided"]
     # One, then two of six one-sided hypotheses are rejected.

@@ -1,12 +1,14 @@
 """Sweep and report decide a comparison alike: from the same runs, by the same returns."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from jbench.report.analysis.decisions import decision_frame, planned_comparisons
 from jbench.studies.deciding import decide
 from jbench.studies.matrix import read_matrix
-from jbench.studies.study import PlannedComparison, planned, read_entries
+from jbench.studies.study import planned, read_entries
 from jbench.sweeps import deciding
 from jbench.sweeps.cell import matrix_cells
 from tests.report.conftest import FabricatedResults, evaluations
@@ -64,13 +66,14 @@ def _all(fabric, kind):
     return fabric.configurations(kind)[0]
 
 
-def finish(results, run, evaluated, trained=TRAINED):
+def finish(results, run, evaluated, trained=TRAINED, is_finished=True):
     record = results.create("run", run.id, run.model_dump(mode="json"))
     tables = {"episodes": training_episodes(run.id, trained)}
     if evaluated:
         tables["evaluations"] = evaluations(run.id, evaluated)
     record.append(tables)
-    record.finish({"wall_time": 1.0})
+    if is_finished:
+        record.finish({"wall_time": 1.0})
 
 
 @pytest.mark.parametrize(
@@ -93,6 +96,20 @@ def test_final_returns_or_means_over_the_run_are_decided(claim, difference, word
     numbers = ("seeds", "difference", "low", "high", "spent")
     assert [row[name] for name in numbers] == [getattr(outcome.decision, name) for name in numbers]
     assert (row["verdict"], row["claim"], row["returns"]) == (word, claim, "evaluation")
+
+
+def test_mean_over_the_run_is_that_of_a_seed_alone(decided):
+    def fill(results, run, is_planar):
+        last = 90.0 if is_planar else 0.0
+        evaluated = {10_000: 0.0, 20_000: float(run.seed), 25_000: last}
+        if run.seed == 5:  # an unfinished run that has just begun
+            finish(results, run, {10_000: 0.0}, TRAINED[:10], is_finished=False)
+        else:
+            finish(results, run, evaluated)
+
+    outcome, (row,) = decided("c", fill)
+    assert outcome.decision.difference == row["difference"] == pytest.approx(30)
+    assert outcome.decision.seeds == row["seeds"] == 5
 
 
 def test_runs_without_evaluations_are_decided_by_their_training_returns(decided):
@@ -119,9 +136,22 @@ def test_returns_that_are_not_finite_are_left_out_and_a_run_without_others_stops
 
 
 def test_first_seeds_end_at_the_first_gap():
-    name = PlannedComparison(None, None, ("first", "second"), share=0.05, max_seeds=10)
+    first = SimpleNamespace(task="face_direction")
+    comparison = SimpleNamespace(first=first, share=0.05, max_seeds=10)
     known = {seed: 100.0 * seed for seed in range(10)}  # which vary too much for a decision
     gap = {seed: value for seed, value in known.items() if seed != 6}
     unknown = {**known, 4: None}
-    seeds = [decide([name], [(known, other)])[0].seeds for other in (known, gap, unknown, {})]
+    seeds = [decide([comparison], [(known, other)])[0].seeds for other in (known, gap, unknown, {})]
     assert seeds == [10, 5, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("task", "verdicts"),
+    [("face_direction", ["equal", "larger"]), ("gym:Reacher-v5", ["undecided", "larger"])],
+)
+def test_only_a_known_range_of_returns_makes_sides_similar(task, verdicts):
+    comparison = SimpleNamespace(first=SimpleNamespace(task=task), share=0.05, max_seeds=10)
+    near = {seed: -4.0 - seed / 10 for seed in range(10)}
+    far = {seed: value - 36.0 for seed, value in near.items()}
+    found = [decide([comparison], [(near, other)])[0].verdict for other in (near, far)]
+    assert found == verdicts

@@ -26,7 +26,7 @@ from jbench.settings.algorithms import display_name
 from jbench.settings.recorded import comparable
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
-from jbench.studies.deciding import MARGIN
+from jbench.studies.deciding import MARGIN, margin
 from jbench.studies.study import RAW
 
 COLUMNS = [
@@ -215,8 +215,8 @@ def _on_pair(claim: str, pair: Pair, baseline: str) -> Finding:
     high = np.inf
     if claim == "a":  # two one-sided tests at 5%
         effect = sample.estimate(0.9)
-        low = -MARGIN
-        high = MARGIN
+        high = margin(pair.ours.task)
+        low = -high
 
     decided = decide(effect, pair.seeds, low, high, outer=outer, logarithmic=claim in _RATIOS)
 

@@ -1,6 +1,7 @@
 """Comparisons of configurations: two sides, methods, pairs."""
 
 from collections.abc import Collection, Mapping, Sequence
+from functools import partial
 from itertools import combinations
 from typing import Any
 
@@ -10,12 +11,12 @@ from jbench.names import RETURNS
 from jbench.report.analysis.judging import Comparison, judge
 from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, Range, ranges, strata, together
 from jbench.report.data.configuration import Configuration, Configurations
-from jbench.report.data.source_names import FILE, has_return_range
+from jbench.report.data.source_names import FILE
 from jbench.settings.recorded import comparable
 from jbench.settings.variants import variant_labels
 from jbench.statistics import bootstrap as st
 from jbench.statistics.step_down import corrected_level
-from jbench.studies.deciding import MARGIN, WORDS
+from jbench.studies.deciding import WORDS, margin
 
 PAIRS = ["task", "returns", "a", "b", "a_label", "b_label", "p", "low", "high", "decided", "steps"]
 COMPARISONS = [
@@ -104,7 +105,7 @@ def _compared(pairs: Sequence[Pair], known: Mapping[str, Range]) -> Comparison:
         difference.estimate(),
         difference.interval,
         decidable=all(pair.decidable for pair in pairs),
-        margin=MARGIN if has_return_range([ours.task], [ours.source]) else 0.0,
+        margin=0.0 if ours.source == FILE else margin(ours.task),
     )
 
 
@@ -171,7 +172,7 @@ def pair_frame(configurations: Configurations, verdicts: pd.DataFrame) -> pd.Dat
         if first.task == other.task and int(first.last_step) == int(other.last_step)
         if (pair := Pair(first, other)).decidable
     }
-    level = corrected_level([sample.interval for sample in samples.values()], _excludes_half)
+    level = corrected_level([partial(_is_decided, sample) for sample in samples.values()])
 
     final = verdicts[verdicts["claim"] == "a"]
     names = map(frozenset, zip(final["configuration"], final["baseline"], strict=True))
@@ -181,7 +182,7 @@ def pair_frame(configurations: Configurations, verdicts: pd.DataFrame) -> pd.Dat
     for (first, other), sample in samples.items():
         p, low, high, _ = sample.estimate()
         key = frozenset((first.configuration, other.configuration))
-        decided = known.get(key, _excludes_half(*sample.interval(1 - level)))
+        decided = known.get(key, _is_decided(sample, 1 - level))
         both = (first, other, p, low, high), (other, first, 1 - p, 1 - high, 1 - low)
         for a, b, *numbers in both:
             labels = a.task, a.kind, a.configuration, b.configuration, a.label, b.label
@@ -190,6 +191,7 @@ def pair_frame(configurations: Configurations, verdicts: pd.DataFrame) -> pd.Dat
     return pd.DataFrame(rows, columns=PAIRS)
 
 
-def _excludes_half(low: float, high: float) -> bool:
-    """Returns whether an interval of a probability decides which side is better."""
+def _is_decided(probability: st.Resampled, confidence: float) -> bool:
+    """Returns whether the interval of a probability decides which side is better."""
+    low, high = probability.interval(confidence)
     return not low <= 0.5 <= high

@@ -4,12 +4,12 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from jbench.names import ReturnsName
-from jbench.report.analysis.scores import seed_scores
 from jbench.report.data.configuration import ID, Configuration
-from jbench.returns import EVALUATION, TRAINING
+from jbench.returns import EVALUATION, TRAINING, final_return, mean_over_run
 from jbench.studies.arms import Arm, run_key
 from jbench.studies.deciding import decide, decided_word
 from jbench.studies.study import PlannedComparison, shipped_studies
@@ -145,11 +145,11 @@ def _returns(by_kind: ByKind, arm: Arm, claim: str) -> dict[int, float | None]:
     for kind in (TRAINING, EVALUATION):
         if kind in by_kind:
             config = by_kind[kind]
-            scores = seed_scores(config)
-            values = scores.final if claim == "a" else scores.area
-            known = dict(zip(config.seeds[scores.known].tolist(), values.tolist(), strict=True))
             usable = config.finished & (config.steps == arm.run.steps)
-            for seed in config.seeds[usable].tolist():
-                returns[seed] = known.get(seed)
+            for row in np.flatnonzero(usable):
+                points = config.returns[row, : config.lengths[row]]
+                # Not those of `seed_scores`, which depend on the steps of the other seeds.
+                made = final_return(points, kind) if claim == "a" else mean_over_run(points)
+                returns[int(config.seeds[row])] = made
 
     return returns

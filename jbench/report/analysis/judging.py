@@ -14,7 +14,7 @@ import numpy as np
 from jbench.report.numbers import signed, whole
 from jbench.statistics import bootstrap as st
 from jbench.statistics.step_down import Interval, corrected_level
-from jbench.studies.deciding import MARGIN, WORDS
+from jbench.studies.deciding import WORDS
 
 SEQUENTIAL = "sequential test"
 """Origin of the verdicts of the group-sequential test."""
@@ -78,7 +78,7 @@ class Comparison:
     estimate: st.Estimate
     interval: Interval = field(repr=False)
     decidable: bool
-    margin: float = MARGIN
+    margin: float
     judgment: Judgment | None = None
 
     def conclude(self, word: str, low: float, high: float, by: str) -> None:
@@ -111,6 +111,10 @@ class Comparison:
         if low > 0:
             return above
         return below if high < 0 else "undecided"
+
+    def is_decided(self, confidence: float) -> bool:
+        """Returns whether the interval at a confidence gives a verdict."""
+        return self.word(*self.interval(confidence)) != "undecided"
 
     def _text(self, word: str, low: float, high: float, by: str) -> str:
         """Returns a verdict in words, with the difference that it rests on."""
@@ -145,11 +149,7 @@ class Comparison:
 def judge(family: Sequence[Comparison]) -> None:
     """Judges comparisons by the same claim, each corrected for the others."""
     decidable = [comparison for comparison in family if comparison.decidable]
-    margin = family[0].margin if family else MARGIN
-    level = corrected_level(
-        [comparison.interval for comparison in decidable],
-        lambda low, high: low > 0 or high < 0 or (low > -margin and high < margin),
-    )
+    level = corrected_level([comparison.is_decided for comparison in decidable])
     by = f"Holm, {len(decidable)} comparisons" if len(decidable) > 1 else ""
     for comparison in family:
         low, high = comparison.interval(1 - level)

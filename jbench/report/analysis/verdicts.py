@@ -18,7 +18,7 @@ from jbench.report.analysis.judging import SEQUENTIAL, Comparison, judge
 from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair
 from jbench.report.data.configuration import ID, Configuration, with_returns
 from jbench.statistics import bootstrap as st
-from jbench.studies.deciding import WORDS
+from jbench.studies.deciding import WORDS, margin
 
 VERDICTS = [
     *ID,
@@ -81,6 +81,7 @@ def _comparison(claim: str, pair: Pair) -> Comparison:
         "seeds": pair.seeds,
         "steps": pair.control_steps,
     }
+    similar_within = margin(pair.ours.task)
     if claim == "b":
         estimate = pair.agents_difference()
 
@@ -88,7 +89,8 @@ def _comparison(claim: str, pair: Pair) -> Comparison:
             _, low, high, _ = pair.agents_difference(confidence)
             return low, high
 
-        return Comparison(claim, names, estimate, interval, pair.decidable)
+        return Comparison(claim, names, estimate, interval, pair.decidable, similar_within)
 
     sample = pair.sample(IQM_DIFFERENCE, "final" if claim == "a" else "area")
-    return Comparison(claim, names, sample.estimate(), sample.interval, pair.decidable)
+    decidable = pair.decidable
+    return Comparison(claim, names, sample.estimate(), sample.interval, decidable, similar_within)

@@ -127,8 +127,8 @@ def _described(runs: pd.DataFrame, points: PointsByKind) -> pd.DataFrame:
     """Returns what `Configuration` and notes need of runs, without other, long texts.
 
     Further columns: recorded (number of points), reached (control steps at the last one), diverged
-    (control steps; NaN: never) and divergence (in words), lowest (what a diverged run counts with), typed (its settings, read) and
-    code (what is recorded of users' code).
+    (control steps; NaN: never) and divergence (in words), lowest (what a diverged run counts
+    with), typed (its settings, read) and code (what is recorded of users' code).
     """
     known = {**points[EVALUATION], **points[TRAINING]}
     recorded = [known.get(run, NOTHING) for run in runs["run"]]

@@ -12,6 +12,7 @@ import platform
 import re
 import socket
 import subprocess
+import unicodedata
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -39,6 +40,9 @@ LEFT_OUT = "left-out"
 """Stands for a text that may name somebody or something."""
 
 _SAYS_NOTHING = {"root", "user", "admin", "localhost", "home", "tmp", "results", "main"}
+_PATH = re.compile(r"/|~|\\\\|[A-Za-z]:[\\/]|file:")
+"""How the path of a file begins, also on Windows."""
+
 _SHORTEST = 3  # letters of a word that is looked for
 _ID_COLUMNS = ("run", "encoder", "dataset", "evaluation_id")
 
@@ -175,13 +179,13 @@ class Blinder:
                     return number
                 if what == "kind" and re.fullmatch(rf"{re.escape(name)}\d+.*", text):
                     return number + text.removeprefix(name)
-                text = text.replace(f"{in_id(name)}/", f"{number}/")
+                text = re.sub(rf"(?<![\w.-]){re.escape(in_id(name))}/", f"{number}/", text)
 
         return LEFT_OUT if self._has_a_word(text) else text
 
     def _has_a_word(self, text: str) -> bool:
         """Returns whether a text has a word that tells who made it, or is the path of a file."""
-        return any(found_in(word, text) for word in self.words) or text.startswith(("/", "~"))
+        return any(found_in(word, text) for word in self.words) or _PATH.match(text) is not None
 
 
 def _in_letters(number: int) -> str:
@@ -213,7 +217,11 @@ def _is_plain(name: str, value: Any) -> bool:
 
 
 def found_in(word: str, text: str) -> bool:
-    """Returns whether a text has a word, not as a part of a longer one."""
+    """Returns whether a text has a word, not as a part of a longer one.
+
+    An accent may be a character of its own, as in the names of files on macOS.
+    """
+    word, text = (unicodedata.normalize("NFC", either) for either in (word, text))
     return re.search(rf"(?<![A-Za-z0-9]){re.escape(word)}(?![A-Za-z0-9])", text, re.I) is not None
 
 

@@ -177,6 +177,7 @@ def leaks(archive: bytes, words: set[str]) -> Iterator[tuple[str, str]]:
 def _texts(name: str, content: bytes) -> Iterator[str]:
     """Yields all texts of a file, decompressed."""
     yield content.decode("latin-1")
+    yield content.decode(errors="replace")
     if name.endswith(".parquet"):
         rows = pq.ParquetFile(io.BytesIO(content))
         yield str(rows.schema_arrow.metadata)

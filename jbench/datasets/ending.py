@@ -103,9 +103,12 @@ def flaw(steps: pa.Table, seeds: pa.Table, episodes: range, longest: int) -> str
     The episodes have the expected numbers, and at most `longest` control steps.
     """
     step = steps["step"].to_numpy()
+    if not len(step):
+        return "no rows"
+
     first = np.flatnonzero(step == 0)
     last = np.append(first[1:], len(step)) - 1
-    lengths = np.asarray(step[last], np.int64) if len(step) else np.zeros(0, np.int64)
+    lengths = np.asarray(step[last], np.int64)
     numbers = np.arange(episodes.start, episodes.stop)
 
     is_whole = len(first) == len(numbers) and np.array_equal(

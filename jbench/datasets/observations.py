@@ -1,5 +1,6 @@
 """The tables of datasets of other robots, whose episodes have one length or end early."""
 
+import numpy as np
 import pyarrow as pa
 
 from jbench.datasets.ending import ENDS
@@ -21,6 +22,7 @@ def observations_schema(task: Task) -> pa.Schema:
     Those of a task whose episodes may end early say how they ended.
     """
     names = [*task.labels, *task.action_labels, "reward"]
-    counts = [("episode", pa.int32()), ("step", pa.int16())]
+    is_short = task.episode_steps <= np.iinfo(np.int16).max
+    counts = [("episode", pa.int32()), ("step", pa.int16() if is_short else pa.int32())]
     ends = [(name, pa.bool_()) for name in ENDS] if task.ends_early else []
     return pa.schema([*counts, *((name, pa.float32()) for name in names), *ends])

@@ -5,6 +5,7 @@ import re
 import shutil
 import socket
 import zipfile
+from types import SimpleNamespace
 
 import pytest
 
@@ -155,6 +156,24 @@ def test_any_number_of_kinds_of_encoders_have_letters(results):
     assert len({*blinded}) == len(kinds)
 
 
+def test_names_within_longer_ones_and_paths_of_other_systems_are_told_apart():
+    blinder = blind.Blinder({"ada"})
+    for task in ("lab:hop", "mylab:hop", "lab:hop2"):
+        blinder.learn([SimpleNamespace(kind="dataset", settings={"robot": task})])
+
+    texts = {
+        "lab:hop": "task-1",
+        "mylab.hop/dae4/s00-12345678": "task-2/dae4/s00-12345678",
+        "lab.hop2/dae4/s00-12345678": "task-3/dae4/s00-12345678",
+        "dmc:hopper-hop": "dmc:hopper-hop",
+        "Canada": "Canada",
+        "C:\\Users\\other\\agent.py": "left-out",
+        "\\\\server\\agent.py": "left-out",
+        "file:///srv/agent.py": "left-out",
+    }
+    assert list(blinder.settings(dict(enumerate(texts))).values()) == list(texts.values())
+
+
 def test_name_that_would_be_left_is_refused(results, tmp_path, known_machine, monkeypatch):
     """Such as a label that is the user's name: nothing is written."""
     monkeypatch.setenv("USER", "evaluation")
@@ -173,14 +192,19 @@ def test_leaks_are_found_in_columns_and_pictures(tmp_path):
 
     rows = pa.table({"x": ["ada"] * 100}, metadata={"owner": "charles"})
     pq.write_table(rows, tmp_path / "rows.parquet", compression="zstd")
+    # The second accent is a character of its own.
+    (tmp_path / "names.json").write_text('{"by": "Jörg and jose\u0301"}', encoding="utf-8")
     info = PngInfo()
     info.add_text("Author", "byron", zip=True)
     Image.new("L", (2, 2)).save(tmp_path / "picture.png", pnginfo=info)
     with zipfile.ZipFile(sink := io.BytesIO(), "w", zipfile.ZIP_DEFLATED) as archive:
         for path in sorted(tmp_path.iterdir()):
             archive.write(path, path.name)
-    found = set(leaks(sink.getvalue(), {"ada", "charles", "byron", "picture", "absent"}))
+    words = {"ada", "charles", "byron", "picture", "jörg", "josé", "absent"}
+    found = set(leaks(sink.getvalue(), words))
     assert found == {
+        ("names.json", "jörg"),
+        ("names.json", "josé"),
         ("rows.parquet", "ada"),
         ("rows.parquet", "charles"),
         ("picture.png", "byron"),

@@ -1,12 +1,14 @@
 """Tests of datasets whose episodes end early."""
 
 import numpy as np
+import pyarrow as pa
 import pytest
 import torch
 
 from jbench.datasets import Dataset, collect, ending
 from jbench.datasets import collect_ending as collecting
 from jbench.datasets.export import export_minari
+from jbench.datasets.observations import observations_schema
 from jbench.encoders.loop import EncoderLearner
 from jbench.encoders.pairs import state_pairs
 from jbench.encoders.registry import make_kind
@@ -92,6 +94,7 @@ def test_rows_that_are_no_whole_episodes_are_found(dataset):
     assert ending.flaw(steps, seeds, episodes, EPISODE) is None
     without_first = ending.flaw(steps.slice(1), seeds, episodes, EPISODE)
     assert without_first == "other rows than those of whole episodes in their order"
+    assert ending.flaw(steps[:0], seeds[:0], range(0), EPISODE) == "no rows"
     position = steps.column_names.index("terminated")
     ends = steps["terminated"].to_pylist()
     never = [None if end is None else False for end in ends]
@@ -99,6 +102,14 @@ def test_rows_that_are_no_whole_episodes_are_found(dataset):
     without_end = ending.flaw(lost, seeds, episodes, EPISODE)
     assert without_end == "an episode without its end, or an end within one"
     assert ending.flaw(steps, seeds, episodes, EPISODE - 15) is not None
+
+
+def test_long_episodes_have_wide_numbers_of_steps():
+    def columns(steps):
+        return observations_schema(find_task(f"gym:Pendulum-v1,max_episode_steps={steps}"))
+
+    assert columns(32_767).field("step").type == pa.int16()
+    assert columns(32_768).field("step").type == pa.int32()
 
 
 def test_pairs_of_states_are_within_an_episode(dataset):

@@ -25,8 +25,41 @@ _SENTENCE_WIDTH = "14em"
 _DIGITS = 4  # of the largest number of a column with decimals
 _SIGNS: dict[Form, str] = {whole: "-", signed: "+"}  # of the numbers that have different decimals
 
+_GREEK = [
+    "alpha",
+    "beta",
+    "gamma",
+    "delta",
+    "epsilon",
+    "zeta",
+    "eta",
+    "theta",
+    "iota",
+    "kappa",
+    "lambda",
+    "mu",
+    "nu",
+    "xi",
+    "",
+    "pi",
+    "rho",
+    "varsigma",
+    "sigma",
+    "tau",
+    "upsilon",
+    "phi",
+    "chi",
+    "psi",
+    "omega",
+]
+"""Commands of the letters from U+03B1 on, which pdflatex lacks; omicron has none."""
+
 _LATEX = str.maketrans(
     {
+        **{chr(0x3B1 + place): f"$\\{name}$" for place, name in enumerate(_GREEK) if name},
+        "\N{GREEK CAPITAL LETTER DELTA}": r"$\Delta$",
+        "\N{GREEK CAPITAL LETTER SIGMA}": r"$\Sigma$",
+        "\N{GREEK CAPITAL LETTER OMEGA}": r"$\Omega$",
         **{character: f"\\{character}" for character in "&%$#_{}"},
         "~": r"\textasciitilde{}",
         "^": r"\textasciicircum{}",
@@ -170,5 +203,6 @@ def _breakable(text: str) -> str:
 
 
 def _latex(text: str) -> str:
-    """Returns a text in which no character is a command of LaTeX."""
-    return text.translate(_LATEX)
+    """Returns a text in which no character is a command of LaTeX, and hyphens are no dash."""
+    parts = re.split(r"(?<=-)(?=-)", text)
+    return "{}".join(part.translate(_LATEX) for part in parts)

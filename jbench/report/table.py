@@ -4,6 +4,7 @@ Below are the columns that several tables have.
 """
 
 import io
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -24,7 +25,11 @@ Form = Callable[[Any], str]
 INTERVAL = "In brackets: 95% interval."
 """What the captions of tables with intervals say."""
 
-_MARKDOWN = str.maketrans({**{c: f"\\{c}" for c in "\\|`*"}, "<": "&lt;", "&": "&amp;"})
+_MARKDOWN = str.maketrans(
+    {**{c: f"\\{c}" for c in "\\|`*~"}, "<": "&lt;", "&": "&amp;", "$": "&#36;"}
+)
+_MARKDOWN_WORDS = re.compile(r"(?<![^\W_])_|_(?![^\W_])|(?<=\])\(")
+"""Underscores that are not within a word, and what makes a link of brackets."""
 
 
 class Column(NamedTuple):
@@ -105,11 +110,16 @@ def to_markdown(table: Table) -> str:
     lines = [
         [column.title for column in columns],
         ["---:" if column.numeric else "---" for column in columns],
-        *([text.translate(_MARKDOWN) for _, text in row] for row in rows),
+        *([_markdown(text) for _, text in row] for row in rows),
     ]
     body = "\n".join(f"| {' | '.join(line)} |" for line in lines)
     title = table.title if table.title.endswith("?") else f"{table.title}."
-    return f"{f'{title} {table.explained(columns)}'.translate(_MARKDOWN)}\n\n{body}\n"
+    return f"{_markdown(f'{title} {table.explained(columns)}')}\n\n{body}\n"
+
+
+def _markdown(text: str) -> str:
+    """Returns a text in which no character is one of GitHub's Markdown: no emphasis, no formula."""
+    return _MARKDOWN_WORDS.sub(r"\\\g<0>", text.translate(_MARKDOWN))
 
 
 def plain(title: str, key: str | None = None) -> Column:

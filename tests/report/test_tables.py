@@ -49,6 +49,20 @@ def test_markdown_escapes_tags_and_newlines():
     assert row == r"| &lt;b>x&lt;/b> \| \* |"
 
 
+@pytest.mark.parametrize(
+    ("name", "written"),
+    [
+        ("face_direction a__b", r"face_direction a\_\_b"),
+        ("_mine_ ~~old~~", r"\_mine\_ \~\~old\~\~"),
+        ("$a$ and $b$", "&#36;a&#36; and &#36;b&#36;"),
+        ("[x](https://x.org) 6 [5, 7]", r"[x]\(https://x.org) 6 [5, 7]"),
+    ],
+)
+def test_names_are_no_emphasis_formula_or_link_in_markdown(name, written):
+    (row,) = to_markdown(table(name=[name])).splitlines()[4:]
+    assert row == f"| {written} |"
+
+
 def test_latex_table_uses_booktabs():
     text = to_latex(PLAIN)
     assert r"\caption{Final \& last. " in text
@@ -112,6 +126,7 @@ def test_long_names_in_latex_have_several_lines():
         (r"\input{x}", r"\textbackslash{}input\{x\}"),
         ("$a^2_b$ #1 ~ %", r"\$a\textasciicircum{}2\_b\$ \#1 \textasciitilde{} \%"),
         ("\N{CHECK MARK} yes, \N{BALLOT X} no", r"$\surd$ yes, $\times$ no"),
+        ("\u03b1 \u03c9 \u03c2 \u0394 a---b", r"$\alpha$ $\omega$ $\varsigma$ $\Delta$ a-{}-{}-b"),
         ("1\N{EN DASH}2 <>", r"1--2 \textless{}\textgreater{}"),
     ],
 )

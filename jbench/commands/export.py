@@ -99,7 +99,7 @@ def _curves(file: Path, returns: names.ReturnsName, task: str | None, results: P
 
     database = parsing.results_to_read(results)
     task = task and parsing.known_or_held("task", task, [database])
-    check_output(file)
+    check_output(file, "--curves")
     read = sources.own_and_imported(database, Request(task=task))
     chosen = with_returns(read.configurations, returns)
     if not chosen:

@@ -62,7 +62,7 @@ def write_report(results: Results | None, out: Path, request: Request = DEFAULT)
         frames = Frames(results, request)
         on_page = notes(frames)  # before anything is written, since it may raise an error
         pa.default_memory_pool().release_unused()  # memory of the rows that were read
-        make_directory(out)  # before anything is drawn, since it may raise an error
+        make_directory(out, "--out")  # before anything is drawn, since it may raise an error
         with _missing_characters() as missing:
             files = _contents(frames)
         paths, kept = _write(out, files)
@@ -157,7 +157,7 @@ def _write(out: Path, contents: Mapping[str, bytes]) -> tuple[list[Path], list[s
     # The list has the files of both reports until all are written, in case the process is killed.
     write_atomic(out / LISTING, _listing({**before, **new}))
     for folder in {name.partition("/")[0] for name in new if "/" in name}:
-        make_directory(out / folder)
+        make_directory(out / folder, "--out")
 
     for name, content in contents.items():
         write_atomic(out / name, content)

@@ -69,11 +69,12 @@ def is_missing(error: OSError) -> bool:
     return isinstance(error, FileNotFoundError | NotADirectoryError | NotPlainError)
 
 
-def make_directory(path: Path) -> None:
-    """Creates a directory and its parents.
+def make_directory(path: Path, option: str | None = None) -> None:
+    """Creates a directory and its parents; users name it by the option, if there is one.
 
     Raises a RequestError if the path is a file or not writable, a WorkError if the disk fails.
     """
+    instead = "name a directory that you may write to" + (f" by {option}" if option else "")
     try:
         new = [parent for parent in (path, *path.parents) if not parent.exists()]
         path.mkdir(parents=True, exist_ok=True)
@@ -81,20 +82,20 @@ def make_directory(path: Path) -> None:
             _sync_directory(directory.parent)
     except (FileExistsError, NotADirectoryError):
         raise RequestError(f"{path} is a file, or lies in one; name a directory.") from None
-    except (PermissionError, FileNotFoundError) as error:  # /proc has no directories of ours
-        raise RequestError(
-            f"{path} can't be made ({error.strerror}); name a directory that you may write to."
-        ) from None
     except OSError as error:
+        # /proc has no directories of ours, and a file system may be mounted read-only.
+        is_closed = isinstance(error, PermissionError | FileNotFoundError)
+        if is_closed or error.errno == errno.EROFS:
+            raise RequestError(f"{path} can't be made ({error.strerror}); {instead}.") from None
         raise WorkError(f"The directory {path} can't be made ({error.strerror}).") from None
 
     if not os.access(path, os.W_OK | os.X_OK):
-        raise RequestError(f"{path} is not writable; name a directory that you may write to.")
+        raise RequestError(f"{path} is not writable; {instead}.")
 
 
-def check_output(path: Path) -> None:
+def check_output(path: Path, option: str = "--out") -> None:
     """Raises a RequestError if a file can't be written or replaced, before work on its content."""
-    make_directory(path.parent)
+    make_directory(path.parent, option)
     if path.exists() and not path.is_file():
         what = "a directory" if path.is_dir() else "not a plain file"
         raise RequestError(f"--out {path} is {what}; name a file.")

@@ -1,5 +1,6 @@
 """Tests of invalid requests, help, and the imports and speed of the command line."""
 
+import errno
 import inspect
 import json
 import os
@@ -398,6 +399,17 @@ def test_dry_run_of_class_says_when_its_time_is_known(tmp_path, capsys):
     arguments = ["--algo", "stable_baselines3:A2C", "--seed", "0", "--steps", "1000"]
     assert main(["train", "--dry-run", *arguments, "--results", str(tmp_path)]) == 0
     assert ": unknown until each configuration has a finished run." in capsys.readouterr().out
+
+
+def test_report_beside_results_that_are_mounted_read_only_hints_at_out(monkeypatch, refused):
+    def mkdir(path, **options):
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    monkeypatch.setattr("jbench.store.files.Path.mkdir", mkdir)
+    error = refused("report", "--algo", "ddpg", results="reference")
+    says = "(Read-only file system); name a directory that you may write to by --out."
+    assert error.count("\n") == 1
+    assert says in error
 
 
 def test_training_in_directory_without_permission_is_refused(tmp_path, monkeypatch, refused):

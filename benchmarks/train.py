@@ -76,7 +76,7 @@ def _read_answer(process: subprocess.Popen[str]) -> dict[str, Any]:
     assert process.stdout is not None
     line = process.stdout.readline()
     if not line:
-        raise SystemExit(f"A process ended without an answer: {process.args}")
+        raise SystemExit(f"{process.args} ended with exit code {process.wait()}; see above.")
     answer: dict[str, Any] = json.loads(line)
     return answer
 
@@ -96,7 +96,6 @@ def contender(name: str, python: str, requests: list[Request]) -> Iterator[Conte
             [python, str(HERE / "train_worker.py"), json.dumps(request)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
             text=True,
             env=environment,
         )

@@ -24,9 +24,8 @@ PLACE = r"(<!-- table: {name} -->\n\n).*?(\n<!-- end of table -->)"
 TASKS = ("face_direction", "move_in_direction")
 FEWEST_SEEDS = 6
 
-AUTHORS_TASK = "face_direction"
 AUTHORS_STEPS = (20_000, 60_000, 100_000, 140_000, 180_000, 220_000, 260_000, 300_000)
-"""Evaluations that the table shows."""
+"""Evaluations that the tables of agents by control step show."""
 
 
 @dataclass
@@ -54,15 +53,17 @@ class Pair:
 
 @dataclass
 class Agents:
-    """A column of the table of agents of DDPG by control step.
+    """A column of a table of agents of DDPG by control step.
 
     Attributes:
         words: whose settings they have, and what they observe.
+        task: what they learn.
         representation: as the database names it.
         is_standardized: whether they standardize their inputs, as those of Figure 7.
     """
 
     words: str
+    task: str
     representation: str
     is_standardized: bool
 
@@ -113,11 +114,26 @@ DIFFERENCES_ORDER = (
 )
 
 
-AUTHORS_COLUMNS = (
-    Agents("Table 1: 16 numbers (`full`)", "full", is_standardized=False),
-    Agents("Table 1: 12 latents (`dae12`)", "dae12", is_standardized=False),
-    Agents("Figure 7: 16 numbers (`raw`)", "raw16", is_standardized=True),
-    Agents("Figure 7: 12 latents (`dae12-script`)", "dae12-script", is_standardized=True),
+FIGURE_7 = (
+    Agents("Table 1: 16 numbers (`full`)", TASKS[0], "full", is_standardized=False),
+    Agents("Table 1: 12 latents (`dae12`)", TASKS[0], "dae12", is_standardized=False),
+    Agents("Figure 7: 16 numbers (`raw`)", TASKS[0], "raw16", is_standardized=True),
+    Agents("Figure 7: 12 latents (`dae12-script`)", TASKS[0], "dae12-script", is_standardized=True),
+)
+
+FIGURE_8 = (
+    Agents(
+        "16 numbers (`raw-without-speed_in_target_frame`)",
+        TASKS[1],
+        "raw16-without-speed_in_target_frame",
+        is_standardized=True,
+    ),
+    Agents(
+        "12 latents of them (`dae12-without-speed_in_target_frame-script`)",
+        TASKS[1],
+        "dae12-without-speed_in_target_frame-script",
+        is_standardized=True,
+    ),
 )
 
 
@@ -252,26 +268,26 @@ def differences_table(numbers: ShippedNumbers) -> str:
     return "\n".join(lines)
 
 
-def authors_evaluations() -> pd.DataFrame:
-    """Returns mean evaluation returns of DDPG on the task of Figure 7: a row for each evaluation.
+def ddpg_evaluations() -> pd.DataFrame:
+    """Returns mean evaluation returns of DDPG: a row for each evaluation.
 
-    Its columns are representation, is_standardized, seed, control_steps and mean.
+    Its columns are task, representation, is_standardized, seed, control_steps and mean.
     """
     return jbench.open("reference").query(
-        "SELECT representation, seed, control_steps, avg(episode_return) AS mean, "
+        "SELECT task, representation, seed, control_steps, avg(episode_return) AS mean, "
         "coalesce(settings->>'$.hyperparameters.normalize' = 'running', false) AS is_standardized "
         "FROM evaluations JOIN runs USING (run) "
-        f"WHERE task = '{AUTHORS_TASK}' AND algo = 'ddpg' AND engine = 'batched' GROUP BY ALL"
+        "WHERE algo = 'ddpg' AND engine = 'batched' GROUP BY ALL"
     )
 
 
-def authors_table(evaluations: pd.DataFrame) -> str:
-    """Returns the table of agents with the settings of Table 1 and of Figure 7 by control step.
+def table_by_step(columns: tuple[Agents, ...], evaluations: pd.DataFrame) -> str:
+    """Returns a table of agents by control step, over the run and at the end.
 
     A cell has the median of the agents, and the lowest and highest of them.
     """
-    curves = [_curves(agents, evaluations) for agents in AUTHORS_COLUMNS]
-    rows = [["control steps", *(agents.words for agents in AUTHORS_COLUMNS)]]
+    curves = [_curves(agents, evaluations) for agents in columns]
+    rows = [["control steps", *(agents.words for agents in columns)]]
     for steps in AUTHORS_STEPS:
         rows.append([f"{steps:,}", *(_median_and_range(one.loc[steps]) for one in curves)])
 
@@ -283,7 +299,8 @@ def authors_table(evaluations: pd.DataFrame) -> str:
 
 def _curves(agents: Agents, evaluations: pd.DataFrame) -> pd.DataFrame:
     """Returns mean evaluation returns by control step and seed."""
-    chosen = evaluations["representation"] == agents.representation
+    chosen = evaluations["task"] == agents.task
+    chosen &= evaluations["representation"] == agents.representation
     chosen &= evaluations["is_standardized"] == agents.is_standardized
     return evaluations[chosen].pivot(index="control_steps", columns="seed", values="mean")
 
@@ -318,10 +335,12 @@ def pages(numbers: ShippedNumbers) -> dict[Path, str]:
     readme_table = main_table(numbers, README_ROWS, "final evaluation return")
     answer_table = main_table(numbers, ANSWER_ROWS, "the agent observes")
     answer_text = with_table(answer.read_text("utf-8"), "main", answer_table)
-    authors = authors_table(authors_evaluations())
+    evaluations = ddpg_evaluations()
+    for name, columns in (("figure-7", FIGURE_7), ("figure-8", FIGURE_8)):
+        answer_text = with_table(answer_text, name, table_by_step(columns, evaluations))
     return {
         readme: with_table(readme.read_text("utf-8"), "main", readme_table),
-        answer: with_table(answer_text, "authors", authors),
+        answer: answer_text,
         details: with_table(details.read_text("utf-8"), "differences", differences_table(numbers)),
     }
 

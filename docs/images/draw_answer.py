@@ -49,6 +49,13 @@ DRAWINGS = (
     Drawing("answer-td3", columns=2),
     Drawing("answer-harder", task="move_in_direction", columns=2),
     Drawing("answer-authors", algo="ddpg", columns=2, is_standardized=True),
+    Drawing(
+        "answer-authors-harder",
+        task="move_in_direction",
+        algo="ddpg",
+        columns=2,
+        is_standardized=True,
+    ),
 )
 
 

@@ -405,27 +405,39 @@ def test_published_figures_7_and_8():
     assert "the same algorithm, Figure 9 has 632" in text_of("answer")
 
 
-AGENTS = (("full", False), ("dae12", False), ("raw16", True), ("dae12-script", True))
+RAW_16 = "raw16-without-speed_in_target_frame"
+SCRIPT_16 = "dae12-without-speed_in_target_frame-script"
+FIGURE_7 = (("full", False), ("dae12", False), ("raw16", True), ("dae12-script", True))
+FIGURE_8 = ((RAW_16, True), (SCRIPT_16, True))
+"""Representations, and whether inputs are standardized: the columns of two tables."""
 
 
 @pytest.fixture(scope="module")
-def agents_of_figure_7():
-    """Returns, for each of `AGENTS`, evaluations of DDPG by seed, as its records have them."""
-    found = {agents: {} for agents in AGENTS}
+def ddpg_evaluations():
+    """Returns, by (task, representation, is standardized), evaluations of DDPG by seed."""
+    found = {}
     for record in shipped_results().scan("run")[0]:
         task, algo, representation, _ = record.id.split("/")
-        normalize = record.settings["hyperparameters"].get("normalize")
-        agents = representation, normalize == "running"
-        if (task, algo) == (TASKS[0], "ddpg") and agents in found:
+        if algo == "ddpg":
+            normalize = record.settings["hyperparameters"].get("normalize")
             rows = record.read("evaluations").to_pandas()
             means = rows.groupby("control_steps")["episode_return"].mean()
-            found[agents][record.settings["seed"]] = means
+            agents = found.setdefault((task, representation, normalize == "running"), {})
+            agents[record.settings["seed"]] = means
     return found
 
 
-def test_agents_of_figure_7(agents_of_figure_7):
-    *by_step, over_run, at_end = table("docs/answer.md", "Figure 7: 16 numbers")
-    for column, seeds in enumerate(agents_of_figure_7.values(), 1):
+@pytest.mark.parametrize(
+    ("heading", "task", "columns"),
+    [
+        ("Figure 7: 16 numbers", TASKS[0], FIGURE_7),
+        ("`raw-without-speed_in_target_frame`", TASKS[1], FIGURE_8),
+    ],
+)
+def test_agents_by_control_step(ddpg_evaluations, heading, task, columns):
+    *by_step, over_run, at_end = table("docs/answer.md", heading)
+    for column, agents in enumerate(columns, 1):
+        seeds = ddpg_evaluations[task, *agents]
         for row in by_step:
             values = [means[int(row[0].replace(",", ""))] for means in seeds.values()]
             assert row[column] == median_and_range(values)
@@ -434,13 +446,14 @@ def test_agents_of_figure_7(agents_of_figure_7):
         assert at_end[column] == ", ".join(f"{final:.0f}" for final in finals)
 
 
-def test_what_the_agents_of_figure_7_learn(agents_of_figure_7):
+def test_what_the_agents_of_figure_7_learn(ddpg_evaluations):
     at_100k, at_end, medians = {}, {}, []
-    for agents, seeds in agents_of_figure_7.items():
+    for agents in FIGURE_7:
+        seeds = ddpg_evaluations[TASKS[0], *agents]
         at_100k[agents] = np.array([means[100_000] for means in seeds.values()])
         at_end[agents] = np.array([means.iloc[-1] for means in seeds.values()])
         medians.append(f"{np.median([means.mean() for means in seeds.values()]):.0f}")
-    *_, full, latents = AGENTS
+    *_, full, latents = FIGURE_7
 
     page = text_of("answer")
     assert f"latents get {lowest_to_highest(at_100k[latents])}, and those with the full" in page
@@ -481,6 +494,38 @@ def test_comparisons_of_the_agents_of_figure_7():
     spread = spread.set_index(["representation", "words"])["s"]
     latents, full = (spread[name, "settings=figure8"] for name in ("dae12-script", "raw"))
     assert f"is {latents:.0f} with the latents and {full:.0f} with the full observation." in page
+
+
+def test_the_agents_of_figure_8(ddpg_evaluations):
+    full, latents = ([*ddpg_evaluations[TASKS[1], *agents].values()] for agents in FIGURE_8)
+    at_end = [[means.iloc[-1] for means in seeds] for seeds in (full, latents)]
+    assert [len(seeds) for seeds in at_end] == [5, 5]
+    page = text_of("answer")
+    with_full, with_latents = map(lowest_to_highest, at_end)
+    assert f"get {with_full} with the 16 numbers and {with_latents} with the latents" in page
+    random = chosen_from(shipped().baselines, policy="random", task=TASKS[1])["median"].item()
+    assert f"Random actions get {random:.0f}." in page
+    assert max(map(max, at_end)) < random
+
+    rows = chosen_from(shipped().verdicts, representation=SCRIPT_16, returns="evaluation")
+    found = {row.claim: row for row in rows.itertuples()}
+    assert {row.verdict for row in found.values()} == {"undecided"}
+    assert [found[claim].corrected_by for claim in "ac"] == ["sequential test"] * 2
+    assert {row.seeds for row in found.values()} == {5}
+    similarity = found["a"]
+    interval = f"{similarity.value:+.0f} [{similarity.low:+.0f}, {similarity.high:+.0f}]"
+    assert f"difference of the final returns is {interval}, without" in page
+
+
+def test_published_figure_8_within_the_steps_of_the_runs():
+    rows = jbench.open("reference").query("FROM published WHERE figure = 'fig8' AND quantile = 50")
+    medians = rows.pivot(index="control_steps", columns="representation", values="episode_return")
+    early = medians[medians.index <= 300_000]
+    full, latents = lowest_to_highest(early["full"]), lowest_to_highest(early["dae12"])
+    page = text_of("answer")
+    assert f"its medians are {full} with the full observation and {latents} with" in page
+    differences = (medians["dae12"] - medians["full"]).abs()
+    assert f"differ by at most {differences[differences.index <= 830_000].max():.0f}." in page
 
 
 def corrected(row):

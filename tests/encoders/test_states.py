@@ -54,7 +54,7 @@ def test_states_are_scaled_by_extremes_of_dataset(dataset, scaled):
     learned, held_out = split_episodes(10, 0)
     found, actions = gathered(states.learn(generator()))
     np.testing.assert_allclose(found, scaled[learned], atol=1e-5)
-    np.testing.assert_array_equal(actions, random_actions(10)[learned])
+    np.testing.assert_array_equal(actions, random_actions(10)[learned][..., None])
     np.testing.assert_allclose(gathered(states.test())[0], scaled[held_out], atol=1e-5)
     np.testing.assert_allclose(states.scaled(observations), scaled, atol=1e-5)
 

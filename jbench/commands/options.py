@@ -58,9 +58,11 @@ def _parameter(name: str, field: FieldInfo) -> inspect.Parameter:
     type_ = _plain(field.annotation)
     extra = field.json_schema_extra
     unit = extra.get("unit") if isinstance(extra, dict) else None
-    parser = None
-    if type_ is int:  # the settings have further limits
-        parser = partial(parsing.count, least=1 if unit else 0)
+    parser: Callable[[str], int] | None = None
+    if type_ is int and unit:
+        parser = parsing.count
+    elif type_ is int:  # the settings say how large it may be
+        parser = partial(parsing.count, least=0, most=math.inf)
     if default is PydanticUndefined:  # it must be typed
         default = ...
     elif default is None:
@@ -126,10 +128,16 @@ def _ids(where: Context | str, kind: str, file: str = "manifest.json") -> list[s
 
 
 def whole_number(
-    default: int | None, *flags: str, unit: str, help: str, least: int = 0, **more: Any
+    default: int | None,
+    *flags: str,
+    unit: str,
+    help: str,
+    least: int = 0,
+    most: int = names.MAX_COUNT,
+    **more: Any,
 ) -> Any:
     """Returns an option of a whole number, at least 0 or 1, which may be typed as 1k or 1e3."""
-    parser = partial(parsing.count, least=least)
+    parser = partial(parsing.count, least=least, most=most)
     return Option(default, *flags, parser=parser, metavar=unit, help=help, **more)
 
 
@@ -211,7 +219,10 @@ FINAL_EPISODES = whole_number(
     "with the default evaluations of a run of less than 200 episodes, half as many).",
 )
 AUGMENT = whole_number(
-    None, unit="SEED", help="Seed of an augmented robot (default: the plain robot)."
+    None,
+    unit="SEED",
+    most=names.MAX_SEED,
+    help="Seed of an augmented robot (default: the plain robot).",
 )
 DATASET = Option(
     None,

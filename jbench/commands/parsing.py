@@ -109,7 +109,7 @@ def path(text: str | Path) -> Path:
     return Path(text)
 
 
-def count(text: str | int, least: int = 1) -> int:
+def count(text: str | int, least: int = 1, most: float = names.MAX_COUNT) -> int:
     """Returns a whole number, at least 0 or 1, typed as 5000000, 5_000_000, 5e6 or 5M."""
     typed = str(text)
     scale = _SCALES.get(typed[-1:].lower(), 1)
@@ -118,24 +118,26 @@ def count(text: str | int, least: int = 1) -> int:
     except ArithmeticError:  # no number, or one that decimal can't hold
         number = Decimal(-1)
 
-    if not (number.is_finite() and least <= number <= names.MAX_COUNT and number % 1 == 0):
-        positive = "a positive whole number, such as 100000, 100k or 5e6"
-        instead = positive if least else "a whole number, such as 0, 200 or 10k"
-        raise BadParameter(f"{typed!r}: type {instead}")
+    what = "a positive whole number" if least else "a whole number"
+    if number.is_finite() and number > most:
+        raise BadParameter(f"{typed!r}: type {what} up to {most}")
+
+    if not (number.is_finite() and number >= least and number == number.to_integral_value()):
+        examples = "100000, 100k or 5e6" if least else "0, 200 or 10k"
+        raise BadParameter(f"{typed!r}: type {what}, such as {examples}")
 
     return int(number)
 
 
 def number(text: str | float, least: float = -math.inf) -> float:
-    """Returns a number, at least the given one."""
-    try:
+    """Returns a number, at least the given one; without one, also an infinity or NaN."""
+    wanted = "a number" if least == -math.inf else f"a number of at least {least:g}"
+    parsed: float | None = None
+    with contextlib.suppress(ValueError):
         parsed = float(text)
-    except ValueError:
-        parsed = math.nan
 
-    if not (math.isfinite(parsed) and parsed >= least):
-        limit = "" if least == -math.inf else f" of at least {least:g}"
-        raise BadParameter(f"{str(text)!r}: type a number{limit}, such as 0.1, 60 or 5e-4")
+    if parsed is None or (least > -math.inf and not least <= parsed < math.inf):
+        raise BadParameter(f"{str(text)!r}: type {wanted}, such as 0.1, 60 or 5e-4")
 
     return parsed
 

@@ -15,7 +15,9 @@ from jbench.wording import counted
 if TYPE_CHECKING:
     from jbench.store import Results
 
-_POSE_SEED = options.whole_number(0, unit="SEED", help="Random seed of the pose and the target.")
+_POSE_SEED = options.whole_number(
+    0, unit="SEED", most=names.MAX_SEED, help="Random seed of the pose and the target."
+)
 
 
 @options.with_settings(EvaluationSettings, "episodes", "seed", "states", "augment")

@@ -87,7 +87,7 @@ def test_reproduce_reports_first_difference(altered, run_command):
         (["face_direction/ddpg"], "Several runs begin with face_direction/ddpg: face_dir"),
         (["reference/face_direction/none"], "in reference; jbench runs --results reference lists"),
         (["face_direction/ddpg/ful/s00"], "did you mean face_direction/ddpg/full/s0"),
-        ([RUNS[0].id, "--episodes", "-1"], "'--episodes': Input should be greater than or equal"),
+        ([RUNS[0].id, "--episodes", "-1"], "'--episodes': '-1': type a whole number, such as 0"),
         ([RUNS[2].id, "--episodes", "0"], "was saved without its policy: type --episodes 1"),
     ],
 )

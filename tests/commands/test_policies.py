@@ -60,7 +60,7 @@ def test_render_writes_reported_file(augmented, tmp_path):
     [
         (("--camera", "sky"), "Unknown camera 'sky'; choose"),
         (("--out", "film.avi"), r"\.mp4.*\.gif.*\.png"),
-        (("--augment", "-1"), "'--augment': Input should be greater"),
+        (("--augment", "-1"), "'--augment': '-1': type a whole number, such as 0"),
     ],
 )
 def test_invalid_picture_is_refused(arguments, message, tmp_path, refused):

@@ -220,6 +220,13 @@ def test_every_whole_number_of_every_verb_is_typed_in_one_way():
     assert options > 30
 
 
+def test_seeds_may_be_as_large_as_the_database_holds():
+    largest = 2**63 - 1
+    assert parsing.count(str(largest), least=0, most=largest) == largest
+    with pytest.raises(BadParameter, match=f"type a whole number up to {largest}"):
+        parsing.count(str(largest + 1), least=0, most=largest)
+
+
 @pytest.mark.parametrize(
     "text", ["k", "1.5", "0.0001k", "1kk", "-5M", "nan", "inf", "1e300M", "1e999999M", ""]
 )

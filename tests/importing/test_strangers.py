@@ -494,7 +494,7 @@ def test_tensorboard_files_of_cleanrl_and_stable_baselines3_are_read(tmp_path):
         for seed in (1, 2)
         for step, value in ((100, 15), (200, 30 + seed))
     ]
-    assert "Values of charts/episodic_return at the same step of a file are averaged." in file.notes
+    assert "Values of charts/episodic_return at the same step of a run are averaged." in file.notes
     values = {"eval/mean_reward": [(10, 1)], "rollout/ep_rew_mean": [(9, 3)], "loss": [(1, 0)]}
     events(tmp_path / "sac" / "hopper_2", values)
     (one,) = read_curves(tmp_path / "sac").points.values.tolist()

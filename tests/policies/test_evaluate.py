@@ -100,7 +100,7 @@ def test_command_records_evaluation_in_database(tmp_path, capsys):
         (["../x"], "is not an id"),
         (["--task", "fly"], "Unknown task 'fly'"),
         (["--episodes", "0"], "episodes of the evaluation can't be 0"),
-        (["--augment", "-1"], "augment of the evaluation can't be -1: it should be greater"),
+        (["--augment", "-1"], "'--augment': '-1': type a whole number, such as 0"),
         (["--episodes", str(10**15 + 1)], "it should be less than or equal to 1000000000000000"),
         (["--augment", str(2**63)], "it should be less than or equal to 9223372036854775807"),
         (["--target-yaw", "nan"], "type degrees"),

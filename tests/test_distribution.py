@@ -102,6 +102,7 @@ def test_sdist_contains_every_file_of_checkout(sdist):
     assert files(sdist) - generated == packaged() - generated - {".gitignore"}
 
 
+@pytest.mark.slow
 def test_wheel_contains_only_package(wheel):
     with zipfile.ZipFile(wheel) as archive:
         names = {name for name in archive.namelist() if ".dist-info/" not in name}
@@ -132,6 +133,7 @@ def test_wheel_of_a_checkout_has_its_revision(tmp_path):
     assert head.startswith(recorded)
 
 
+@pytest.mark.slow
 def test_description_has_no_relative_links_or_images(wheel):
     with zipfile.ZipFile(wheel) as archive:
         (name,) = (name for name in archive.namelist() if name.endswith("/METADATA"))
@@ -159,6 +161,7 @@ def run(installed, *arguments, code=0):
     return done.stderr if code else done.stdout
 
 
+@pytest.mark.slow
 def test_installed_command_prints_version_and_shipped_runs(installed):
     assert list((installed / "packages" / "bin").glob("jbench*"))
     assert run(installed, "-m", "jbench", "--version") == f"jbench {__version__}\n"
@@ -182,6 +185,7 @@ def test_lock_has_every_dependency_within_its_bounds():
     assert locked.count("--hash=sha256:") > len(pinned)
 
 
+@pytest.mark.slow
 def test_wheel_is_small_and_has_the_kept_policies(wheel):
     assert wheel.stat().st_size < 12_000_000
     with zipfile.ZipFile(wheel) as archive:

@@ -147,6 +147,7 @@ def dataset(demo_results):
     return Dataset(Results(demo_results.path).scan("dataset")[0][0])
 
 
+@pytest.mark.slow
 def test_pandas_and_duckdb_read_only_rows_listed_by_manifests(output):
     printed = output("database.md", "import pandas")
     for run, mean in MEANS.items():

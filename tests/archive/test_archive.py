@@ -174,6 +174,7 @@ def test_names_within_longer_ones_and_paths_of_other_systems_are_told_apart():
     assert list(blinder.settings(dict(enumerate(texts))).values()) == list(texts.values())
 
 
+@pytest.mark.slow
 def test_name_that_would_be_left_is_refused(results, tmp_path, known_machine, monkeypatch):
     """Such as a label that is the user's name: nothing is written."""
     monkeypatch.setenv("USER", "evaluation")

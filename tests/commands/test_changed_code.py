@@ -212,6 +212,7 @@ def test_comments_and_formatting_are_no_change(made, kind, tmp_path):
     assert "About your code" not in project.succeed("verify").stdout
 
 
+@pytest.mark.slow
 def test_training_says_that_its_encoder_is_of_data_of_other_code(made, tmp_path):
     project = made("task").copy(tmp_path / "project")
     project.succeed("collect", *TASK, "--steps", "300")
@@ -248,6 +249,7 @@ def test_runs_of_older_versions_keep_their_ids_and_are_joined_by_more_seeds(made
     assert sorted(row["seeds"] for row in evaluations_of(project)) == [2, 3]
 
 
+@pytest.mark.slow
 def test_runs_that_an_older_version_pooled_are_two_curves(made, tmp_path):
     project = made("task").copy(tmp_path / "project")
     project.age()

@@ -6,6 +6,8 @@ Episodes are short.
 import json
 from functools import partial
 
+import pytest
+
 from jbench.store import Results, locks
 from jbench.store.query import load
 from tests import command_line
@@ -16,6 +18,7 @@ start = partial(command_line.start, short=True)
 succeed = partial(command_line.succeed, short=True)
 
 
+@pytest.mark.slow
 def test_killed_collection_is_readable_and_resumes(tmp_path):
     # The dataset has one file, written seconds after the manifest.
     steps = ("collect", "--steps", "2000")

@@ -312,6 +312,7 @@ def test_algorithms_are_listed_with_settings_and_packages(installed, document, r
     assert (code, "top_quantiles_to_drop_per_net" in out) == (0, True)
 
 
+@pytest.mark.slow
 def test_killed_run_of_rule_resumes_bit_for_bit(installed, tmp_path, monkeypatch):
     shorten_episodes(monkeypatch.setattr)
     run = rule_run("tqc:TQC")  # without its entry point

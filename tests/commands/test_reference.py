@@ -88,6 +88,7 @@ def test_existing_directory_named_reference_takes_precedence(tmp_path, document)
     assert not (tmp_path / "results").exists()
 
 
+@pytest.mark.slow
 def test_shipped_runs_are_merged_into_other_results(tmp_path, document):
     merged = document("merge", "reference", results="mine")["records"]
     assert {record["outcome"] for record in merged} == {"copied"}

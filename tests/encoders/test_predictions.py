@@ -54,6 +54,7 @@ def test_forward_predicts_yaw_rate_better_than_autoencoder(simulated):
     assert found[0] > found[1] + 0.1
 
 
+@pytest.mark.slow
 def test_probe_uses_only_information_in_latents(simulated):
     class MotorSpeed(Scaled):
         """Encodes only the motor's speed, or a constant."""

@@ -129,7 +129,7 @@ def make_encoder(name, states):
 @pytest.mark.parametrize(
     "kind",
     [
-        kind if kind in ("dae", "planar-mirror") else pytest.param(kind, marks=pytest.mark.slow)
+        kind if kind == "dae" else pytest.param(kind, marks=pytest.mark.slow)
         for kind in kind_names()
     ],
 )

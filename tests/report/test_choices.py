@@ -102,7 +102,7 @@ def test_unknown_column_or_name_is_refused_before_anything_is_written(fabric, ou
     assert not (out / "index.html").exists()
 
 
-@pytest.mark.parametrize("old", ["dae4", "dae"])
+@pytest.mark.parametrize("old", ["dae4", pytest.param("dae", marks=pytest.mark.slow)])
 def test_representation_is_shown_by_its_chosen_name_everywhere(old, fabric):
     add_runs(fabric)
     found = Frames(fabric.results, Request(names=((old, "ours"),)))

@@ -47,9 +47,12 @@ def test_different_returns_and_larger_spread_are_contradicted(fabric):
     ("easier", "gain", "gain_on_harder", "verdict", "remark"),
     [
         (NARROW, 20, 100, "supported", ""),
-        (NARROW, -200, -20, "undecided", "nothing is gained on move_in_direction (-10)"),
+        pytest.param(
+            *(NARROW, -200, -20, "undecided", "nothing is gained on move_in_direction (-10)"),
+            marks=pytest.mark.slow,
+        ),
         (np.full(10, 270), 0, 100, "undecided", "within 50 of random actions (220)"),
-        (np.full(10, 271), 0, 100, "supported", ""),
+        pytest.param(np.full(10, 271), 0, 100, "supported", "", marks=pytest.mark.slow),
     ],
 )
 def test_larger_gain_on_harder_task(fabric, easier, gain, gain_on_harder, verdict, remark):

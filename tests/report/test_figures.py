@@ -179,6 +179,7 @@ def test_three_configurations_of_six_seeds_have_a_panel_of_variability_and_come_
     ]
 
 
+@pytest.mark.slow
 def test_behavior_and_sequences_are_drawn_of_their_frames(fabric):
     add_runs(fabric)
     found = Frames(fabric.results)

@@ -243,11 +243,18 @@ def test_page_is_readable_without_scripts(shipped_page, opened):
 
 @pytest.mark.parametrize(
     "case",
-    ["shipped", pytest.param("young", marks=pytest.mark.slow), "one run", "variants", "hostile"],
+    [
+        pytest.param("shipped", marks=pytest.mark.slow),
+        pytest.param("young", marks=pytest.mark.slow),
+        "one run",
+        "variants",
+        "hostile",
+    ],
 )
-def test_no_page_scrolls_sideways_or_loads_anything(fabric, opened, tmp_path, case, shipped_page):
-    path = shipped_page
-    if case != "shipped":
+def test_no_page_scrolls_sideways_or_loads_anything(fabric, opened, tmp_path, case, request):
+    if case == "shipped":
+        path = request.getfixturevalue("shipped_page")
+    else:
         names = ["full"] if case == "one run" else ["full", "dae12"]
         add_runs(fabric, *names, seeds=len(names))
         if case == "variants":
@@ -269,6 +276,7 @@ def test_no_page_scrolls_sideways_or_loads_anything(fabric, opened, tmp_path, ca
         assert not shown.locator("#returns, #reduction, #pairs").count()
 
 
+@pytest.mark.slow
 def test_tables_of_verdicts_fit_a_laptop(opened, shipped_page):
     shown = opened(shipped_page, viewport=DESKTOP).page
     boxes = "(boxes) => boxes.map((box) => box.scrollWidth - box.clientWidth)"
@@ -299,6 +307,7 @@ def test_long_name_in_a_legend_leaves_the_only_panel_its_width(fabric, opened, t
     assert panel["width"] > 0.7 * figure.bounding_box()["width"]
 
 
+@pytest.mark.slow
 def test_watched_page_reloads_itself_and_links_no_files(fabric, opened, tmp_path):
     add_runs(fabric, "full")
     shown = opened(written(Frames(fabric.results, Request(watched=True)), tmp_path)).page

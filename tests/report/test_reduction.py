@@ -36,6 +36,7 @@ def verdicts(fabric):
     return {(row["representation"], row["against"], row["claim"]): row for row in rows}
 
 
+@pytest.mark.slow
 def test_each_representation_is_compared_with_both_baselines(fabric):
     learn(fabric)
     found = verdicts(fabric)
@@ -180,6 +181,7 @@ def test_final_returns_are_those_at_common_step(fabric):
     assert 790 < found["planar"]["low"] < 800 < found["planar"]["high"] < 810
 
 
+@pytest.mark.slow
 def test_returns_stand_beside_r2_of_predictions(fabric):
     learn(fabric)
     r2 = {"planar": 0.9, "dae12": 0.4, "pca4": -0.2, "vae8": 0.5}

@@ -186,6 +186,7 @@ with results.folder("run", sys.argv[2]).lock():
 """
 
 
+@pytest.mark.slow
 def test_record_during_writing_is_never_reported_as_damaged(results):
     run = add_whole_run(results, finish=False)
     with Script(results, WRITING, run.id) as writer:

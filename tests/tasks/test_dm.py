@@ -30,9 +30,14 @@ def flat(timestep):
 @pytest.mark.parametrize(
     "name",
     [
-        *("acrobot-swingup", "cartpole-swingup", "cheetah-run", "finger-spin", "fish-swim"),
-        *("hopper-hop", "manipulator-bring_ball", "reacher-easy", "quadruped-walk"),
-        "swimmer-swimmer6",
+        *("acrobot-swingup", "cheetah-run", "reacher-easy"),
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in (
+                *("cartpole-swingup", "finger-spin", "fish-swim", "hopper-hop"),
+                *("manipulator-bring_ball", "quadruped-walk", "swimmer-swimmer6"),
+            )
+        ),
     ],
 )
 def test_episodes_equal_those_of_dm_control(name):

@@ -256,6 +256,7 @@ def test_measuring_speed_does_not_change_results(tmp_path):
     assert rows(once.find("run", run.id)) == rows(again.find("run", run.id))
 
 
+@pytest.mark.slow
 def test_last_evaluation_of_more_episodes_begins_with_those_of_fewer(tmp_path):
     run = settings("ppo", steps=3 * EPISODE)
     few, many = (Results(tmp_path / name) for name in ("few", "many"))

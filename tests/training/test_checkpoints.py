@@ -178,6 +178,7 @@ def test_checkpoint_of_other_run_or_format_is_refused(stopped, changes, reason):
     assert outcome(path, run) == uninterrupted
 
 
+@pytest.mark.slow
 def test_seeds_stopped_at_different_steps_resume_together(tmp_path):
     runs = [settings("ddpg", seed, steps=250) for seed in (0, 3, 5)]
     do(tmp_path / "uninterrupted", runs)

@@ -88,6 +88,7 @@ def test_continued_run_equals_run_trained_at_once(short, changes, tmp_path):
     check_continued(tmp_path, functools.partial(jitterbug, **changes), short)
 
 
+@pytest.mark.slow
 def test_inputs_of_mirrored_robots_are_computed_again(mirroring, tmp_path):
     results, encoder = mirroring
     about = {"encoder": encoder, "representation": "planar-mirror12"}

@@ -199,6 +199,7 @@ def test_kept_state_with_other_evaluations_is_named_with_the_option_to_type(tmp_
     ]
 
 
+@pytest.mark.slow
 def test_longer_run_takes_the_distance_of_evaluations_that_its_user_did_not_type(tmp_path):
     (short,) = lengths("td3", SHORT, evaluate_every=100)
     longer = lengths("td3", LONG, evaluate_every=200)

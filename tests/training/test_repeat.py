@@ -80,6 +80,7 @@ def test_run_that_ends_before_its_first_update_is_reproduced(tmp_path):
     assert again.reason == "The agent was not updated in them; repeat more episodes."
 
 
+@pytest.mark.slow
 def test_run_with_parallel_environments_is_reproduced(tmp_path):
     run, results = settings("ppo", evaluate_every=200, steps=200), Results(tmp_path)
     run_batch([run], results)

@@ -181,6 +181,7 @@ def test_torch_and_minari_load_the_dataset(output, dataset):
     assert printed.split("\n")[0] == f"{id} 2 (1001, 16) (1000, 1)"
 
 
+@pytest.mark.slow
 def test_query_of_encoders_page_prints_errors(output):
     printed = output("encoders.md", "FROM encoder_errors")
     assert re.search(r"dae14 +0\.959 +0\.976 +0\.977", printed)

@@ -26,7 +26,9 @@ on_linux = pytest.mark.skipif(sys.platform != "linux", reason="other systems hav
 
 @on_linux
 @pytest.mark.usefixtures("rendering")
-@pytest.mark.parametrize("switched_off", [{}, {"MUJOCO_GL": "disable"}])
+@pytest.mark.parametrize(
+    "switched_off", [{}, pytest.param({"MUJOCO_GL": "disable"}, marks=pytest.mark.slow)]
+)
 def test_environment_renders_without_display_or_setting(switched_off):
     unset = {*_DISPLAYS, "MUJOCO_GL", "PYOPENGL_PLATFORM"}
     kept = {name: value for name, value in os.environ.items() if name not in unset}
@@ -98,7 +100,7 @@ def test_first_working_backend_is_used(fake_machine, works, mujoco_gl, display, 
         ("print('brightness', 0)", False),
         ("import os; os.abort()", False),
         ("raise ImportError", False),
-        ("import time; time.sleep(600)", False),
+        pytest.param("import time; time.sleep(600)", False, marks=pytest.mark.slow),
     ],
 )
 def test_driver_that_crashes_hangs_or_draws_nothing_is_rejected(monkeypatch, probe, draws):

@@ -213,6 +213,7 @@ def test_leaks_are_found_in_columns_and_pictures(tmp_path):
     }
 
 
+@pytest.mark.slow
 def test_matrix_trains_the_runs_of_the_archive(demo_results, tmp_path):
     write_archive(demo_results, tmp_path / "a.zip")
     place, _ = opened(tmp_path / "a.zip", tmp_path)

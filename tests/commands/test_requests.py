@@ -149,6 +149,7 @@ def test_directory_of_runs_is_refused(arguments, tmp_path, refused):
     assert f"is inside the results directory {tmp_path}; type {tmp_path} instead." in error
 
 
+@pytest.mark.slow
 def test_query_of_published_curves_needs_no_results_and_is_cut(
     tmp_path, document, capsys, monkeypatch
 ):

@@ -47,7 +47,8 @@ def test_runs_have_final_returns_and_settings(shipped):
     assert set(runs["precision"]) == {"float32", "bfloat16"}
 
 
-@pytest.mark.parametrize("typed", ["planar", pytest.param("planar12", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("typed", ["planar", "planar12"])
 def test_representation_may_be_typed_as_reports_show_it(shipped, typed):
     asked = {"task": "face_direction", "algo": "td3", "representation": typed}
     runs = shipped.runs(**asked)

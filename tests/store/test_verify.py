@@ -197,6 +197,7 @@ def test_record_during_writing_is_never_reported_as_damaged(results):
     assert found == []
 
 
+@pytest.mark.slow
 def test_memory_is_independent_of_file_size(results):
     run = add_whole_run(results, (), finish=False)
     size = 300_000_000

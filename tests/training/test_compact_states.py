@@ -146,6 +146,7 @@ def test_episodes_of_robot_of_the_suite_are_repeated(algo, tmp_path):
     check_continued(tmp_path, make_run, 3 * EPISODE, 6 * EPISODE)  # whole rollouts, too
 
 
+@pytest.mark.slow
 def test_seeds_of_a_batch_are_computed_together(tmp_path):
     first, whole = ([jitterbug(steps, seed=seed) for seed in (1, 2)] for steps in (120, 240))
     train(tmp_path / "twice", first)

@@ -95,6 +95,7 @@ def test_seeds_continue_from_where_each_of_them_ended(tmp_path):
         assert Results(tmp_path / "twice").find("run", run.id).roles() == []
 
 
+@pytest.mark.slow
 def test_run_continues_longest_intact_state_with_same_settings(tmp_path):
     shortest, short, middle, whole = lengths("ddpg", 100, 200, 350, LONG)
     (other,) = lengths("ddpg", 400, evaluate_every=100)

@@ -62,6 +62,7 @@ def test_lengths_and_returns_are_those_of_the_environment(tmp_path):
     assert all(-10 * row["length"] - 20 < row["episode_return"] < 0 for row in evaluated)
 
 
+@pytest.mark.slow
 def test_runs_killed_in_the_middle_of_episodes_resume_bit_for_bit(tmp_path):
     runs = [falling("td3", seed) for seed in (0, 1)]
     answer = kill(tmp_path, runs, at="writes", every=25)

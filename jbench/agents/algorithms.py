@@ -9,7 +9,7 @@ from pydantic_core import to_jsonable_python
 
 from jbench import plugins
 from jbench.agents.batched.rule import Rule
-from jbench.agents.find import algorithm_provenance, find_class, package_of
+from jbench.agents.find import algorithm_provenance, find_class, package_and_version
 from jbench.agents.plugin import Agent
 from jbench.errors import RequestError
 from jbench.names import TASKS, Base, EngineName
@@ -145,7 +145,7 @@ def algorithm_fields(
     settings = settings_with(settings_class(algo), algo, {**source, **changes})
     return fields | {
         "hyperparameters": settings.model_dump(mode="json"),
-        "package": package_of(algo),
+        "package": package_and_version(algo),
         "sources": checksum(algorithm_provenance(algo).get("sources", {})),
     }
 

@@ -106,7 +106,7 @@ def algorithm_provenance(algo: str) -> dict[str, Any]:
     return plugins.provenance("algorithm", algo, points)
 
 
-def package_of(name: str) -> str | None:
+def package_and_version(name: str) -> str | None:
     """Returns name and version of the package that offers an algorithm; None for MODULE:CLASS."""
     return None if plugins.is_imported(name) else plugins.distribution(_entry_point(name))
 

@@ -96,8 +96,8 @@ def tail(
     last: int | None = options.whole_number(
         None,
         unit="EPISODES",
-        help="Of the rows that are already committed, print those of so many last training "
-        "episodes of each run (default: all).",
+        help="How many training episodes of each run to print of those already committed, the "
+        "last ones (default: all).",
     ),
     once: bool = Option(False, "--once", help="Print the committed rows and end."),
     results: Path = options.READ_RESULTS,

@@ -21,12 +21,12 @@ _SHOWN_IF_VARIED = (
     "time_limit",
     "steps",
 )
-"""Fields of a line that are columns of the table if they differ between lines."""
+"""Fields of an entry that are columns of the table if they differ between entries."""
 
 
 @dataclass(frozen=True)
-class ConfigurationLine:
-    """A configuration of a sweep, with its settings, numbers of seeds and the time left.
+class ConfigurationSettings:
+    """The settings of a configuration of a sweep.
 
     Attributes:
         settings: source of the hyperparameters.
@@ -37,8 +37,6 @@ class ConfigurationLine:
         encoders: whether agents share `one` encoder or `each` has its own; None without encoders.
         part: name of the part of the matrix; None for runs of `jbench train`.
         changed: hyperparameters that the matrix changes, in words; None if there are none.
-        finished, unfinished, failed, missing: numbers of seeds.
-        steps_left, seconds_left, estimate, evaluating: see `CellStatus`.
     """
 
     task: str
@@ -54,14 +52,6 @@ class ConfigurationLine:
     encoders: str | None
     part: str | None
     changed: str | None
-    finished: int
-    unfinished: int
-    failed: int
-    missing: int
-    steps_left: int
-    seconds_left: float | None
-    estimate: str
-    evaluating: float
 
 
 def show(
@@ -79,15 +69,15 @@ def show(
             then measured, which takes seconds.
     """
     statuses = cell_statuses(cells, results, jobs, device, quick=times)
-    lines = [_line(status) for status in statuses]
+    entries = [_entry(status) for status in statuses]
     left = seconds_left(statuses, jobs)
 
-    header = _header(lines)
-    rows = [[_text(getattr(line, name)) for name in header] for line in lines]
+    header = _header(entries)
+    rows = [[_text(entry[name]) for name in header] for entry in entries]
     if times:
         header += ["time left", "estimated from"]
-        for row, line in zip(rows, lines, strict=True):
-            row += [_time(line.seconds_left) if line.steps_left else "", line.estimate]
+        for row, status in zip(rows, statuses, strict=True):
+            row += [_time(status.seconds_left) if status.steps_left else "", status.estimate]
 
         missing = [run for run in all_runs(cells) if run_status(run, results).state == "missing"]
         notes = dict.fromkeys(note for cell in cells for note in cell.notes)
@@ -95,15 +85,21 @@ def show(
             output.say(sentence)
 
     output.table(title, header, rows, spare=("estimated from",))
-    if times and any(line.steps_left for line in lines):
-        output.say(_sentence_on_time_left(lines, left, jobs))
+    if times and any(status.steps_left for status in statuses):
+        output.say(_sentence_on_time_left(statuses, left, jobs))
 
-    return {"configurations": [asdict(line) for line in lines], "seconds_left": left}
+    return {"configurations": entries, "seconds_left": left}
 
 
-def _line(status: CellStatus) -> ConfigurationLine:
-    """Returns the line of a cell."""
-    cell = status.cell
+def _entry(status: CellStatus) -> dict[str, Any]:
+    """Returns an entry of the document: the settings of a cell, then the numbers of its status."""
+    numbers = status._asdict()
+    del numbers["cell"]
+    return {**asdict(_settings(status.cell)), **numbers}
+
+
+def _settings(cell: Cell) -> ConfigurationSettings:
+    """Returns the settings of a cell."""
     first = cell.runs[0]
     encoders = None
     if cell.encoders:
@@ -116,7 +112,7 @@ def _line(status: CellStatus) -> ConfigurationLine:
         changes = cell.arm.part.hyperparameters.get(cell.algo, {})
         changed = ", ".join(f"{name}={value}" for name, value in changes.items())
 
-    return ConfigurationLine(
+    return ConfigurationSettings(
         task=cell.task,
         algo=cell.algo,
         representation=cell.representation,
@@ -130,21 +126,13 @@ def _line(status: CellStatus) -> ConfigurationLine:
         encoders=encoders,
         part=part,
         changed=changed or None,
-        finished=status.finished,
-        unfinished=status.unfinished,
-        failed=status.failed,
-        missing=status.missing,
-        steps_left=status.steps_left,
-        seconds_left=status.seconds_left,
-        estimate=status.estimate,
-        evaluating=status.evaluating,
     )
 
 
-def _header(lines: Sequence[ConfigurationLine]) -> list[str]:
+def _header(entries: Sequence[dict[str, Any]]) -> list[str]:
     """Returns the fields that the table shows: what differs, and the states that seeds are in."""
-    varied = [n for n in _SHOWN_IF_VARIED if len({getattr(line, n) for line in lines}) > 1]
-    states = [state for state in get_args(RunState) if any(getattr(line, state) for line in lines)]
+    varied = [name for name in _SHOWN_IF_VARIED if len({entry[name] for entry in entries}) > 1]
+    states = [state for state in get_args(RunState) if any(entry[state] for entry in entries)]
     return ["task", "algo", "representation", *varied, *states]
 
 
@@ -158,15 +146,13 @@ def _time(seconds: float | None) -> str:
     return "unknown" if seconds is None else duration(seconds)
 
 
-def _sentence_on_time_left(
-    lines: Sequence[ConfigurationLine], seconds: float | None, jobs: int
-) -> str:
+def _sentence_on_time_left(statuses: Sequence[CellStatus], seconds: float | None, jobs: int) -> str:
     """Returns the sentence on the time that all configurations take together."""
     processes = counted(jobs, "process", "processes")
     included = ""
     if seconds is None:
         included = " until each configuration has a finished run"
-    elif any(line.failed for line in lines):
+    elif any(status.failed for status in statuses):
         included = ", the failed runs included"
 
     return f"Time left with {processes} at a time: {_time(seconds)}{included}."

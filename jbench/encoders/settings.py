@@ -175,7 +175,7 @@ def encoder_settings(
         full["features"] = features
 
     # The name says where options come from, however they were typed.
-    base_in_name = _base_of(found, full)
+    base_in_name = _find_base(found, full)
     return validated(
         EncoderSettings,
         "the encoder",
@@ -190,7 +190,7 @@ def encoder_settings(
     )
 
 
-def _base_of(kind: type[Kind], options: Mapping[str, Any]) -> EncoderBase | None:
+def _find_base(kind: type[Kind], options: Mapping[str, Any]) -> EncoderBase | None:
     """Returns the first base of a kind whose options are among these; None if there is none."""
     for base, some in kind.bases.items():
         if some.items() <= options.items():

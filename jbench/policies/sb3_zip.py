@@ -104,7 +104,7 @@ def _layers(data: dict[str, Any], weights: dict[str, Float]) -> list[SavedLayer]
     if any("features_extractor." in name or "shared_net." in name for name in weights):
         raise UnsupportedPolicyError("it has a features extractor of its own")
 
-    form = _form_of(weights)
+    form = _find_form(weights)
     if form is None:
         raise UnsupportedPolicyError("its actor is not that of DDPG, TD3, SAC, PPO or the like")
 
@@ -122,7 +122,7 @@ def _layers(data: dict[str, Any], weights: dict[str, Float]) -> list[SavedLayer]
     return [*layers, *form.output]
 
 
-def _form_of(weights: dict[str, Float]) -> _ActorForm | None:
+def _find_form(weights: dict[str, Float]) -> _ActorForm | None:
     """Returns the form whose names the weights have; None if there is none."""
     for form in _FORMS:
         if any(name.startswith(form.last) for name in weights):

@@ -17,7 +17,7 @@ from jbench.wording import counted, with_results
 if TYPE_CHECKING:
     from jbench.store import Record, Results
     from jbench.training.present import OtherCode
-    from jbench.training.repeat import Repeated
+    from jbench.training.repeated_rows import Repeated
 
 
 def verify(
@@ -119,7 +119,8 @@ def _show_other_code(database: "Results") -> list["OtherCode"]:
 def _reevaluate_all(database: "Results", accept_changed: bool) -> list["Repeated"]:
     """Repeats the last evaluation of every finished run; prints those that aren't equal."""
     from jbench.store.provenance import describe_changes
-    from jbench.training.repeat import Repeated, changes_since, reevaluate
+    from jbench.training.repeat import changes_since, reevaluate
+    from jbench.training.repeated_rows import Repeated
 
     records = [record for record in database.scan("run")[0] if record.status == "finished"]
     outcomes = []

@@ -12,7 +12,7 @@ from jbench.checks.checked import Checked
 from jbench.importing.importer import Imported
 from jbench.store.merge import Merged
 from jbench.store.verify import Flaw
-from jbench.training.repeat import Repeated
+from jbench.training.repeated_rows import Repeated
 
 JsonObject = dict[str, Any]
 """A row of a table; `jbench query "DESCRIBE runs"` and docs/database.md list its columns."""

@@ -1,11 +1,10 @@
-"""Computes the last evaluation or first episodes of a run again; compares its rows bit for bit."""
+"""Computes the last evaluation or the first episodes of a run again, and compares the rows."""
 
-import math
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +18,6 @@ from jbench.settings.records import ExternalSettings
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results, schema
 from jbench.store.code import ChangedCodeError, changed_since, check_code, code_hash, have_changed
-from jbench.store.merge import TIMES
 from jbench.store.provenance import device_provenance, differences, provenance
 from jbench.training.batched_run import run_batch
 from jbench.training.code import run_code
@@ -27,29 +25,7 @@ from jbench.training.engines import acting_as_evaluated
 from jbench.training.evaluation import derive_seeds, evaluate_policies
 from jbench.training.events import EpisodeEnded, Event
 from jbench.training.log import POLICY_EVALUATION
-
-RepeatVerdict = Literal["equal", "different", "no policy", "not comparable"]
-"""Whether returns are the recorded ones, bit for bit; `not comparable`: the record or this
-machine lacks what is needed to repeat its last evaluation."""
-
-_Rows = dict[tuple[int, str, int, int], Mapping[str, Any]]
-"""By control steps, "episode" or "evaluation", its number, episode of the evaluation."""
-
-
-class Repeated(NamedTuple):
-    """A part of a run that was computed again: its last evaluation, or its first episodes.
-
-    The reason is a sentence on why it is not comparable, or how it differs; otherwise it is empty.
-    The part ends at `control_steps`, None if it was not repeated. `recorded` and `computed` are the
-    returns of its episodes in the database and here.
-    """
-
-    run: str
-    verdict: RepeatVerdict
-    reason: str = ""
-    control_steps: int | None = None
-    recorded: tuple[float, ...] = ()
-    computed: tuple[float, ...] = ()
+from jbench.training.repeated_rows import Repeated, RowKey, Rows, compared, read_rows
 
 
 def changed_code(record: Record, results: Results, accept_changed: bool) -> list[str]:
@@ -70,18 +46,18 @@ def reevaluate(results: Results, record: Record, accept_changed: bool = False) -
     contain its encoder. A run whose users' code has changed is not comparable, unless that is
     accepted. Raises a WorkError if a file of the run is damaged.
     """
-    if not has_policy(record):
-        return Repeated(record.id, "no policy", "It was saved without its policy.")
     settings = read_run(record.settings)
-    rows = _rows(record, "evaluation")
-    obstacle = _obstacle(record, settings, rows)
-    if isinstance(settings, Unreadable) or obstacle:
-        return Repeated(record.id, "not comparable", obstacle)
-    number = max(number for _, _, number, _ in rows)
-    recorded = {key: row for key, row in rows.items() if key[2] == number}
-    control_steps = max(steps for steps, *_ in recorded)
+    rows = read_rows(record, "evaluation")
+    if (obstacle := _obstacle(record, settings, rows)) is not None:
+        return obstacle
+    assert not isinstance(settings, Unreadable)
+
+    number = max(key.number for key in rows)
+    recorded = {key: row for key, row in rows.items() if key.number == number}
+    control_steps = max(key.control_steps for key in recorded)
     try:
-        if changed_code(record, results, accept_changed) and isinstance(settings, RunSettings):
+        changed = changed_code(record, results, accept_changed)
+        if changed and isinstance(settings, RunSettings):
             settings = settings.model_copy(update={"accepted": "repeated"})
         agent = load_agent(results, record.id, accept_changed)
         device = _device(record, at_end=True)
@@ -95,21 +71,21 @@ def reevaluate(results: Results, record: Record, accept_changed: bool = False) -
                 episodes=max(len(recorded), settings.evaluate_episodes),
             )
     except ChangedCodeError as error:
-        return Repeated(record.id, "not comparable", str(error))
+        return _not_comparable(record, str(error))
     except (RequestError, ValueError) as error:
-        reason = f"Its policy can't be run: {str(error).rstrip('.')}."
-        return Repeated(record.id, "not comparable", reason)
+        return _not_comparable(record, f"Its policy can't be run: {str(error).rstrip('.')}.")
     if evaluation.failure is not None:
-        return Repeated(record.id, "not comparable", str(evaluation.failure))
-    computed: _Rows = {
-        (control_steps, "evaluation", number, episode): {"episode_return": episode_return}
+        return _not_comparable(record, str(evaluation.failure))
+
+    computed: Rows = {
+        RowKey(control_steps, "evaluation", number, episode): {"episode_return": episode_return}
         for episode, episode_return in enumerate(evaluation.returns.tolist())
     }
-    repeated = _compared(record, control_steps, recorded, computed, "evaluation")
-    if files := changed_code(record, results, accept_changed):
-        reason = f"With changed code ({have_changed(files)}). {repeated.reason}".rstrip()
-        return repeated._replace(reason=reason)
-    return repeated
+    repeated = compared(record, control_steps, recorded, computed, "evaluation")
+    if not changed:
+        return repeated
+    reason = f"With changed code ({have_changed(changed)}). {repeated.reason}".rstrip()
+    return repeated._replace(reason=reason)
 
 
 def _show_episode(progress: Callable[[int], None], event: Event) -> None:
@@ -131,6 +107,22 @@ def retrain(
     they may be a few more. Raises a RequestError if it has no episode, its loop was not jbench's,
     or its encoder is missing, and a WorkError if the run is damaged, or its training fails here.
     """
+    settings = _settings_to_train(results, record, accept_changed)
+    ends = record.read("episodes")["control_steps"].to_pylist()
+    until = ends[min(episodes, len(ends)) - 1]
+    recorded = read_rows(record, "episode", "evaluation", until=until)
+    computed = _train_again(results, record, settings, until, recorded, progress)
+
+    repeated = compared(record, until, recorded, computed, "episode")
+    losses = (row.get(name) for row in computed.values() for name in schema.LOSSES)
+    if repeated.verdict == "equal" and all(loss is None for loss in losses):
+        reason = "The agent was not updated in them; repeat more episodes."
+        return repeated._replace(reason=reason)
+    return repeated
+
+
+def _settings_to_train(results: Results, record: Record, accept_changed: bool) -> RunSettings:
+    """Returns the settings with which a run is trained again; raises as `retrain`."""
     settings = read_run(record.settings)
     if isinstance(settings, ExternalSettings):
         raise RequestError(
@@ -141,13 +133,25 @@ def retrain(
         raise RequestError(f"Another program or version wrote the settings of {record.id}.")
     if not record.rows("episodes"):
         raise RequestError(f"{record.id} is {record.status} and has no episode to compare with.")
-    if changed_code(record, results, accept_changed):
-        now = code_hash(run_code(settings, results))
-        settings = settings.model_copy(update={"accepted": now})
-    ends = record.read("episodes")["control_steps"].to_pylist()
-    until = ends[min(episodes, len(ends)) - 1]
-    recorded = _rows(record, "episode", "evaluation", until=until)
-    evaluations = [number for _, kind, number, _ in recorded if kind == "evaluation"]
+    if not changed_code(record, results, accept_changed):
+        return settings
+    now = code_hash(run_code(settings, results))
+    return settings.model_copy(update={"accepted": now})
+
+
+def _train_again(
+    results: Results,
+    record: Record,
+    settings: RunSettings,
+    until: int,
+    recorded: Rows,
+    progress: Callable[[int], None],
+) -> Rows:
+    """Trains a run up to a control step in a temporary directory, and returns its rows there.
+
+    The evaluations are those of the recorded rows. Raises what ends the training.
+    """
+    evaluations = [key.number for key in recorded if key.kind == "evaluation"]
     with one_thread(), tempfile.TemporaryDirectory(prefix="jbench-") as directory:
         temporary = Results(Path(directory))
         failures = run_batch(
@@ -161,15 +165,10 @@ def retrain(
         )
         for failure in failures.values():
             raise failure
-        new = temporary.find("run", settings.id)
-        assert new is not None
-        computed = _rows(new, "episode", "evaluation", until=until)
-    repeated = _compared(record, until, recorded, computed, "episode")
-    losses = (row.get(name) for row in computed.values() for name in schema.LOSSES)
-    if repeated.verdict == "equal" and all(loss is None for loss in losses):
-        reason = "The agent was not updated in them; repeat more episodes."
-        return repeated._replace(reason=reason)
-    return repeated
+
+        trained = temporary.find("run", settings.id)
+        assert trained is not None
+        return read_rows(trained, "episode", "evaluation", until=until)
 
 
 def default_episodes(record: Record) -> int:
@@ -199,57 +198,44 @@ def _recorded_device(record: Record, at_end: bool) -> str:
     return str(changed.get("device", [made.get("device", "cpu")])[-1])
 
 
-def _obstacle(record: Record, settings: Run, rows: _Rows) -> str:
-    """Returns why the kept policy can't be compared with the evaluations; "" if it can."""
+def _obstacle(record: Record, settings: Run, rows: Rows) -> Repeated | None:
+    """Returns why the kept policy can't be compared with the evaluations; None if it can."""
+    if not has_policy(record):
+        return Repeated(record.id, "no policy", "It was saved without its policy.")
     if isinstance(settings, Unreadable):
-        return "Another program or version wrote its settings."
+        return _not_comparable(record, "Another program or version wrote its settings.")
     if not rows:
-        return "It has no evaluation."
+        return _not_comparable(record, "It has no evaluation.")
     if _recorded_device(record, at_end=True) != _device(record, at_end=True):
-        return "A GPU evaluated it, and this machine has none."
+        return _not_comparable(record, "A GPU evaluated it, and this machine has none.")
     if not ENGINES[settings.engine].copies_round_alike:
-        return "Its evaluations ran the agent's own code; the kept copy rounds sums differently."
-    newest = max(number for _, _, number, _ in rows)
-    evaluated = record.manifest.summary.get(POLICY_EVALUATION)
-    if evaluated is None and isinstance(settings, RunSettings):
-        # Older versions did not record it. They kept the policy after the last updates, which was
-        # evaluated only if no evaluation was due at the last control step.
-        previous, last = [0, *sorted({steps for steps, *_ in rows})][-2:]
-        if last // settings.evaluate_every == previous // settings.evaluate_every:
-            evaluated = newest
-    if evaluated != newest:
-        return (
-            "Its last evaluation was not made with the policy that was kept: with one before the "
-            "last updates, as in older versions of jbench, or with a function of the caller."
+        return _not_comparable(
+            record,
+            "Its evaluations ran the agent's own code; the kept copy rounds sums differently.",
         )
-    return ""
+    if not _is_of_last_evaluation(record, settings, rows):
+        return _not_comparable(
+            record,
+            "Its last evaluation was not made with the policy that was kept: with one before the "
+            "last updates, as in older versions of jbench, or with a function of the caller.",
+        )
+    return None
 
 
-def _rows(record: Record, *kinds: str, until: float = math.inf) -> _Rows:
-    return {
-        (row["control_steps"], kind, row[kind], row["episode"]): row
-        for kind in kinds
-        for row in record.read(f"{kind}s").drop_columns([*TIMES, "run"]).to_pylist()
-        if None not in (row["control_steps"], row[kind]) and row["control_steps"] <= until
-    }
+def _is_of_last_evaluation(
+    record: Record, settings: RunSettings | ExternalSettings, rows: Rows
+) -> bool:
+    """Returns whether the kept policy is the one that the last evaluation had."""
+    newest = max(key.number for key in rows)
+    evaluated = record.manifest.summary.get(POLICY_EVALUATION)
+    if evaluated is not None or not isinstance(settings, RunSettings):
+        return bool(evaluated == newest)
+
+    # Older versions did not record it. They kept the policy after the last updates, which was
+    # evaluated only if no evaluation was due at the last control step.
+    previous, last = [0, *sorted({key.control_steps for key in rows})][-2:]
+    return last // settings.evaluate_every == previous // settings.evaluate_every
 
 
-def _compared(record: Record, until: int, recorded: _Rows, computed: _Rows, what: str) -> Repeated:
-    """Compares rows in the order of training; the reason is a sentence on the first difference."""
-    returns = [
-        tuple(row["episode_return"] for key, row in sorted(rows.items()) if key[1] == what)
-        for rows in (recorded, computed)
-    ]
-    for key in sorted(recorded.keys() | computed.keys()):
-        then, now = recorded.get(key), computed.get(key)
-        where = f"{key[1]} {key[2]}, at control step {key[0]:,}"
-        if then is None or now is None:
-            reason = f"A row of {where}, is missing {'in the record' if then is None else 'here'}."
-            return Repeated(record.id, "different", reason, until, *returns)
-        for column in now:
-            before, here = repr(then[column]), repr(now[column])  # nan is no other nan
-            if before != here:
-                values = f"recorded {before}, here {here}"
-                reason = f"The first difference is {column} of {where}: {values}."
-                return Repeated(record.id, "different", reason, until, *returns)
-    return Repeated(record.id, "equal", "", until, *returns)
+def _not_comparable(record: Record, reason: str) -> Repeated:
+    return Repeated(record.id, "not comparable", reason)

@@ -1,0 +1,106 @@
+"""Rows of a run that was computed again, beside the recorded ones, bit for bit."""
+
+import math
+from collections.abc import Mapping
+from typing import Any, Literal, NamedTuple
+
+from jbench.store import Record
+from jbench.store.merge import TIMES
+
+RepeatVerdict = Literal["equal", "different", "no policy", "not comparable"]
+"""Whether returns are the recorded ones, bit for bit; `not comparable`: the record or this
+machine lacks what is needed to repeat its last evaluation."""
+
+
+RowKind = Literal["episode", "evaluation"]
+"""What a row is about: an episode of the training, or one of an evaluation."""
+
+
+class RowKey(NamedTuple):
+    """What names a row of a run; rows in the order of their keys are in that of the training.
+
+    `number` counts the episodes or evaluations of the run, and `episode` those of an evaluation.
+    """
+
+    control_steps: int
+    kind: RowKind
+    number: int
+    episode: int
+
+
+Rows = dict[RowKey, Mapping[str, Any]]
+"""Rows of a run, each with its columns."""
+
+
+class Repeated(NamedTuple):
+    """A part of a run that was computed again: its last evaluation, or its first episodes.
+
+    The reason is a sentence on why it is not comparable, or how it differs; otherwise it is empty.
+    The part ends at `control_steps`, None if it was not repeated. `recorded` and `computed` are the
+    returns of its episodes in the database and here.
+    """
+
+    run: str
+    verdict: RepeatVerdict
+    reason: str = ""
+    control_steps: int | None = None
+    recorded: tuple[float, ...] = ()
+    computed: tuple[float, ...] = ()
+
+
+def read_rows(record: Record, *kinds: RowKind, until: float = math.inf) -> Rows:
+    """Returns the rows of a run up to a control step, without what differs between machines."""
+    rows: Rows = {}
+    for kind in kinds:
+        for row in record.read(f"{kind}s").drop_columns([*TIMES, "run"]).to_pylist():
+            steps, number = row["control_steps"], row[kind]
+            if None not in (steps, number) and steps <= until:
+                rows[RowKey(steps, kind, number, row["episode"])] = row
+    return rows
+
+
+def compared(
+    record: Record,
+    until: int,
+    recorded: Rows,
+    computed: Rows,
+    kind: RowKind,
+) -> Repeated:
+    """Compares rows in the order of training; the reason is a sentence on the first difference.
+
+    The returns are those of one kind of rows.
+    """
+    reason = _first_difference(recorded, computed)
+    return Repeated(
+        record.id,
+        "different" if reason else "equal",
+        reason,
+        until,
+        recorded=_returns(recorded, kind),
+        computed=_returns(computed, kind),
+    )
+
+
+def _first_difference(recorded: Rows, computed: Rows) -> str:
+    """Returns a sentence on the first value that differs; "" if all computed ones are equal."""
+    for key in sorted(recorded.keys() | computed.keys()):
+        then = recorded.get(key)
+        now = computed.get(key)
+        where = f"{key.kind} {key.number}, at control step {key.control_steps:,}"
+        if then is None:
+            return f"A row of {where}, is missing in the record."
+        if now is None:
+            return f"A row of {where}, is missing here."
+
+        for column in now:
+            before = repr(then[column])  # one nan is as another
+            here = repr(now[column])
+            if before != here:
+                values = f"recorded {before}, here {here}"
+                return f"The first difference is {column} of {where}: {values}."
+    return ""
+
+
+def _returns(rows: Rows, kind: RowKind) -> tuple[float, ...]:
+    """Returns the returns of the rows of a kind, in the order of training."""
+    return tuple(row["episode_return"] for key, row in sorted(rows.items()) if key.kind == kind)

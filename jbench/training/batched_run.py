@@ -17,7 +17,8 @@ from jbench.training.beginning import Beginnings
 from jbench.training.code import run_code
 from jbench.training.evaluation import load_run_encoder
 from jbench.training.events import Report, ignore
-from jbench.training.group import Member, TrainingGroup
+from jbench.training.group import TrainingGroup
+from jbench.training.member import Member
 from jbench.training.recomputed import RecomputedRows
 
 

@@ -17,8 +17,8 @@ from jbench.store.provenance import describe_changes, provenance
 from jbench.training.checkpoints import Checkpoint, copied, load
 from jbench.training.code import check_run_code
 from jbench.training.events import Report, Resumed
-from jbench.training.group import Member
 from jbench.training.log import RunLog
+from jbench.training.member import Member
 from jbench.training.recomputed import RecomputedRows, noted
 from jbench.training.status import kept_runs, obstacle
 

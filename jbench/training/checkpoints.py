@@ -1,14 +1,12 @@
 """Checkpoints of a run, from which it resumes bit for bit.
 
-The newest two are kept, and with `--keep-state` the last one after the end of the run. The replay
-buffer is stored in pieces: each checkpoint adds one with the new rows, and when there are 32 pieces
-they are rewritten as one. A compact one, which a finished run keeps, has no pieces: actions are in
-the file of the checkpoint, which older versions refuse by its format.
+The newest two are kept, and with `--keep-state` the last one after the end of the run. The rows of
+the replay buffer are in files of their own (`replay_pieces.py`). A compact checkpoint, which a
+finished run keeps, has no such files: its actions are in the file of the checkpoint, which older
+versions refuse by its format.
 """
 
 import json
-import re
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import pyarrow as pa
@@ -29,14 +27,19 @@ from jbench.store.files import UnreadableError
 from jbench.store.roles import CHECKPOINT, checkpoint_role
 from jbench.training.compact import CompactHeader, CompactReplay, compacted
 from jbench.training.log import Position, RunLog, rows_before
+from jbench.training.replay_pieces import (
+    Piece,
+    first_piece,
+    next_piece,
+    piece_file,
+    pieces_among,
+    read_tensors,
+)
 
 FORMAT = 1
 COMPACT_FORMAT = 2
 
-_MAX_PIECES = 32  # of the replay buffer
-_PIECE = re.compile(r"replay-(\d+)-(\d+)\.safetensors")
 _ENVELOPE = "envelope"
-_ROWS = "rows"
 _COMPACT_ACTIONS = "compact/actions"
 _COMPACT_ROWS = "compact/rows"
 
@@ -66,17 +69,6 @@ class Checkpoint(NamedTuple):
     compact: CompactReplay | None = None
 
 
-class _Piece(NamedTuple):
-    """Rows `first` to `end` (exclusive) of a replay buffer, counted from the first one ever."""
-
-    first: int
-    end: int
-
-    @property
-    def role(self) -> str:
-        return f"replay-{self.first:012d}-{self.end:012d}.safetensors"
-
-
 def save(
     record: Record, log: RunLog, trainer: Trainer, index: int, *, only: bool = False
 ) -> Checkpoint | None:
@@ -89,26 +81,18 @@ def save(
     if state is None:
         log.commit()
         return None
+
     roles = record.roles()
-    states = [match for role in roles if (match := CHECKPOINT.fullmatch(role))]
-    ended = set(roles) if only else {match[0] for match in states[:-1]}  # two are kept
+    states = [role for role in roles if CHECKPOINT.fullmatch(role)]
+    ended = set(roles) if only else set(states[:-1])  # two are kept
     files: dict[str, bytes] = {}
     row = 0
     if (replay := trainer.replay) is not None:
         row = replay.row
-        oldest = replay.oldest
-        pieces = [] if only else _pieces(roles)
-        # A piece that begins before the oldest row in the buffer stays as it is.
-        too_many = len(pieces) >= _MAX_PIECES
-        joined = [piece for piece in pieces if too_many and piece.first >= oldest]
-        first = joined[0].first if joined else max([oldest, *(other.end for other in pieces)])
-        piece = _Piece(first, row)
-        rows = replay.rows_since(index, piece.first)
-        files[piece.role] = safetensors.torch.save({_ROWS: rows.contiguous()})
-        # The previous checkpoint needs rows that are older by the same number.
-        behind = row - min((int(match[2]) for match in states[-1:]), default=row)
-        ended |= {other.role for other in joined}
-        ended |= {other.role for other in pieces if other.end <= oldest - behind}
+        piece = first_piece(replay, index) if only else next_piece(replay, index, roles)
+        files |= piece.files
+        ended |= set(piece.ended)
+
     position = log.position(trainer.control_steps)
     checkpoint = Checkpoint(position, state, row, newest=True)
     log.commit(files | _state_file(checkpoint, record.id), ended)
@@ -144,17 +128,18 @@ def copied(
         column = rows.schema.get_field_index("run")
         run = pa.repeat(longer, rows.num_rows)
         tables[name] = rows.set_column(column, rows.schema.field(column), run)
-    files = {piece.role: record.read_file(piece.role) for piece in _pieces(record.roles())}
+    pieces = pieces_among(record.roles())
+    files = {piece.role: record.read_file(piece.role) for piece in pieces}
     if replay is not None:
-        piece = _Piece(checkpoint.replay_row - replay.shape[1], checkpoint.replay_row)
-        files[piece.role] = safetensors.torch.save({_ROWS: replay.contiguous()})
+        piece = Piece(checkpoint.replay_row - replay.shape[1], checkpoint.replay_row)
+        files |= piece_file(piece, replay)
     return tables, files | _state_file(checkpoint._replace(compact=None), longer)
 
 
 def newest(record: Record) -> set[str]:
     """Returns the roles of a run's newest checkpoint and of its replay buffer."""
     states = [role for role in record.roles() if CHECKPOINT.fullmatch(role)]
-    return {*states[-1:], *(piece.role for piece in _pieces(record.roles()))}
+    return {*states[-1:], *(piece.role for piece in pieces_among(record.roles()))}
 
 
 def load(record: Record) -> tuple[Checkpoint | None, list[str]]:
@@ -164,14 +149,11 @@ def load(record: Record) -> tuple[Checkpoint | None, list[str]]:
         match = CHECKPOINT.fullmatch(role)
         if match is None:
             continue
+
+        replay_row = int(match[2])
         try:
             position, state, compact = _read(record, role)
-            # Check the replay pieces now, while an older checkpoint can still be chosen.
-            for piece in _pieces(record.roles()):
-                if piece.first < int(match[2]):
-                    record.read_file(piece.role)
-            checkpoint = Checkpoint(position, state, int(match[2]), not refused, compact)
-            return checkpoint, refused
+            _check_pieces(record, replay_row)
         except UnreadableError:
             raise
         except (WorkError, ValueError) as error:
@@ -180,22 +162,24 @@ def load(record: Record) -> tuple[Checkpoint | None, list[str]]:
                 f"The checkpoint of {record.id} at {int(match[1])} control steps is not used: "
                 f"{reason}."
             )
+        else:
+            return Checkpoint(position, state, replay_row, not refused, compact), refused
     return None, refused
 
 
-def read_replay(record: Record, row: int) -> Tensor:
-    """Returns the saved rows (environments, rows, width) before number `row`, or a WorkError."""
-    pieces = [piece for piece in _pieces(record.roles()) if piece.first < row]
-    parts = [_tensors(record, piece.role)[_ROWS] for piece in pieces]
-    if not parts:
-        return torch.zeros(1, 0, 0)
-    rows = torch.cat(parts, dim=1)
-    return rows[:, : rows.shape[1] - (pieces[-1].end - row)] if pieces[-1].end > row else rows
+def _check_pieces(record: Record, replay_row: int) -> None:
+    """Raises as `Record.read_file` if the rows before a row of the replay buffer can't be read.
+
+    Checked before the checkpoint is chosen, while an older one can still be taken instead.
+    """
+    for piece in pieces_among(record.roles()):
+        if piece.first < replay_row:
+            record.read_file(piece.role)
 
 
 def _read(record: Record, role: str) -> tuple[Position, SeedState, CompactReplay | None]:
     """Reads a checkpoint; raises a WorkError if its file is damaged, a ValueError if another's."""
-    tensors = _tensors(record, role)
+    tensors = read_tensors(record, role)
     try:
         header = json.loads(bytes(tensors.pop(_ENVELOPE).numpy()))
         if header["format"] not in (FORMAT, COMPACT_FORMAT):
@@ -229,15 +213,3 @@ def _state_file(checkpoint: Checkpoint, run: str) -> dict[str, bytes]:
     tensors[_ENVELOPE] = torch.frombuffer(bytearray(printed.encode()), dtype=torch.uint8)
     role = checkpoint_role(position.control_steps, checkpoint.replay_row)
     return {role: safetensors.torch.save(tensors)}
-
-
-def _tensors(record: Record, role: str) -> dict[str, Tensor]:
-    try:
-        return safetensors.torch.load(record.read_file(role))
-    except safetensors.SafetensorError as error:
-        raise ValueError(f"it is not a safetensors file ({error})") from None
-
-
-def _pieces(roles: Sequence[str]) -> list[_Piece]:
-    matches = [match for role in roles if (match := _PIECE.fullmatch(role))]
-    return sorted(_Piece(int(match[1]), int(match[2])) for match in matches)

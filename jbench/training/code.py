@@ -54,33 +54,41 @@ def plan_runs(
     If `accept_changed`, unfinished runs of other code are resumed, and shorter ones whose state was
     kept are continued, as variants of their own. Raises as `find_task` and `find_class`.
     """
-    now = run_code(runs[0], results)
+    first = runs[0]
+    now = run_code(first, results)
     if not is_known(now):
         return PlannedRuns(list(runs), [])
-    if runs[0].encoder is not None and accept_changed and _encoder_has_changed(runs[0], results):
-        runs = [run.model_copy(update={"accepted": code_hash(now)}) for run in runs]
-        return PlannedRuns(list(runs), [])
-    folder = runs[0].id.rpartition("/")[0]
+    if first.encoder is not None and accept_changed and _encoder_has_changed(first, results):
+        accepted = {"accepted": code_hash(now)}
+        return PlannedRuns([run.model_copy(update=accepted) for run in runs], [])
+
+    folder = first.id.rpartition("/")[0]
     records, _ = results.scan("run", f"{folder}/")
-    free = _FREE if runs[0].encoder_draws is None else (*_FREE, "encoder")
+    existing = {record.id for record in records}
+    free = _FREE if first.encoder_draws is None else (*_FREE, "encoder")
     chosen = list[RunSettings]()
-    notes = list[str]()
+    left_alone = list[Changed]()
     others = dict[str, Changed]()
     for run in runs:
-        found = planned(run, records, now, free)
-        settings: RunSettings = found.settings
-        if not any(record.id == settings.id for record in records):
-            others |= {entry.record.id: entry for entry in found.changed}
-            origin = _origin(run, found.changed)
+        plan = planned(run, records, now, free)
+        settings: RunSettings = plan.settings
+        if settings.id not in existing:
+            others |= {entry.record.id: entry for entry in plan.changed}
+            origin = _origin(run, plan.changed)
+            if origin is not None:
+                others.pop(origin.record.id)
             if origin is not None and accept_changed:
                 settings = _going_on(run, origin.record, code_hash(now))
-                others.pop(origin.record.id)
             elif origin is not None:
-                others.pop(origin.record.id)
-                notes.append(_left_alone(origin))
+                left_alone.append(origin)
         chosen.append(settings)
-    notes = [*_on_data_of_other_code(runs[0], results), *notes]
-    return PlannedRuns(chosen, [*sentences(list(others.values())), *dict.fromkeys(notes)])
+
+    notes = [
+        *sentences(list(others.values())),
+        *_on_data_of_other_code(first, results),
+        *(_left_alone(origin) for origin in left_alone),
+    ]
+    return PlannedRuns(chosen, list(dict.fromkeys(notes)))
 
 
 def check_run_code(run: RunSettings, record: Record | None, now: Code) -> None:
@@ -124,9 +132,12 @@ def _on_data_of_other_code(run: RunSettings, results: Results) -> list[str]:
 
 
 def _encoder_has_changed(run: RunSettings, results: Results) -> bool:
+    """Returns whether the code of the kind of a run's encoder has changed since its training."""
     record = None if run.encoder is None else results.find_readable("encoder", run.encoder)
-    code = code_provenance(str(record.settings.get("kind"))) if record is not None else {}
-    return record is not None and bool(changed_files(record.manifest.provenance, code))
+    if record is None:
+        return False
+    code = code_provenance(str(record.settings.get("kind")))
+    return bool(changed_files(record.manifest.provenance, code))
 
 
 def _origin(run: RunSettings, changed: Sequence[Changed]) -> Changed | None:
@@ -145,10 +156,12 @@ def _origin(run: RunSettings, changed: Sequence[Changed]) -> Changed | None:
 
 
 def _going_on(run: RunSettings, origin: Record, accepted: str) -> RunSettings:
+    """Returns the settings of a run that goes on from a record with other code, as accepted."""
     return RunSettings(**{**origin.settings, "steps": run.steps, "accepted": accepted})
 
 
 def _left_alone(origin: Changed) -> str:
+    """Returns a sentence on a record from which a run could go on, but does not."""
     verb = "continues" if origin.record.status == "finished" else "resumes"
     return (
         f"{since_recorded(origin.record, origin.files)}, so its seed trains from the beginning "

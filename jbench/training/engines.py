@@ -44,8 +44,9 @@ def make_trainer(
     can't be imported, or its update rule can't be trained.
     """
     settings = runs[0]
-    seeds = [derive_seeds(run.seed)[0] for run in runs]
     check_specs(settings.task, settings.specs, settings.accepted is not None)
+
+    seeds = [derive_seeds(run.seed)[0] for run in runs]
     if settings.engine == "sb3":
         from jbench.training.sb3_engine import SB3Engine  # takes a second to import
 

@@ -1,60 +1,26 @@
 """Trains runs in one engine, and commits their rows and checkpoints."""
 
-import contextlib
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from jbench.agents.engine import DivergedError
 from jbench.agents.environments import Ends
-from jbench.encoders import Encoder
-from jbench.errors import WorkError, sentence_of_failure
+from jbench.errors import WorkError
 from jbench.names import KeepState
-from jbench.policies.network import SavedNetwork
 from jbench.settings.engines import ENGINES
-from jbench.settings.run import RunSettings
-from jbench.store import Record
 from jbench.tasks.worlds import EpisodeError
 from jbench.timing import part
 from jbench.training import evaluation
-from jbench.training.checkpoints import Checkpoint, compact_files, newest, read_replay, save
+from jbench.training.checkpoints import compact_files, newest, save
 from jbench.training.compact import reason_for_whole_state
 from jbench.training.engines import make_trainer
 from jbench.training.events import EpisodeEnded, Note, Report, Resumed
-from jbench.training.log import Clock, RunLog
+from jbench.training.log import Clock
+from jbench.training.member import Member
+from jbench.training.replay_pieces import stored_rows
 from jbench.wording import counted
-
-
-@dataclass
-class Member:
-    """A run of a batch, at a control step, or to be resumed there.
-
-    `evaluated` is the policy of the last evaluation, which the last updates may follow.
-    """
-
-    settings: RunSettings
-    encoder: Encoder | None
-    record: Record
-    log: RunLog
-    checkpoint: Checkpoint | None = None
-    control_steps: int = 0
-    evaluated: SavedNetwork | None = None
-    failure: Exception | None = None
-
-    @property
-    def is_unfinished(self) -> bool:
-        """Whether the run has neither finished nor failed."""
-        return self.failure is None and self.record.status == "unfinished"
-
-    def fail(self, error: Exception) -> None:
-        """Records an error that ended the training, as far as its record can be written."""
-        self.failure = error
-        with contextlib.suppress(WorkError):
-            self.log.commit()
-        with contextlib.suppress(WorkError):
-            self.record.fail(sentence_of_failure(error))
 
 
 class TrainingGroup:
@@ -129,7 +95,7 @@ class TrainingGroup:
             replay = self._engine.replay
             if replay is not None:
                 row = checkpoint.replay_row
-                replay.restore(index, read_replay(member.record, row), row)
+                replay.restore(index, stored_rows(member.record, row), row)
 
         self._engine.restore([checkpoint.state for checkpoint in checkpoints])
         if self._engine.cut is not None:
@@ -174,37 +140,39 @@ class TrainingGroup:
                 self._report(EpisodeEnded(member.settings.id, steps, episode_return))
 
     def _evaluate(self) -> None:
-        with part("evaluation"):
-            self._evaluate_active()
-
-    def _evaluate_active(self) -> None:
         """Evaluates the policies of all active members side by side, and adds the rows to logs."""
-        self._fail_diverged(weights=True)
-        if not (active := self._active()):
-            return
-        engine = self._engine
+        with part("evaluation"):
+            self._fail_diverged(weights=True)
+            if not self._active():
+                return
+            evaluations = self._evaluate_policies()
+            self._fail_diverged()
+            self._share_processor_time()
+            for index, member in self._active():
+                made = evaluations[index]
+                if made.failure is not None:
+                    self._fail(member, made.failure)
+                    continue
+                returns = made.returns.tolist()
+                lengths = made.lengths.tolist()
+                member.log.evaluation(self._engine.control_steps, returns, lengths, made.path)
+            self._note_policies()
+
+    def _evaluate_policies(self) -> list[evaluation.Evaluation]:
+        """Returns an evaluation of each policy of the engine, also of those that have failed."""
         settings = self._settings
-        log = active[0][1].log
-        evaluations = evaluation.evaluate_policies(
+        engine = self._engine
+        (_, first), *_ = self._active()
+        is_final = engine.has_made(settings.steps)
+        return evaluation.evaluate_policies(
             settings,
             [evaluation.derive_seeds(member.settings.seed)[1] for member in self._members],
-            log.progress.evaluations,
+            first.log.progress.evaluations,
             engine.act,
             threads=engine.threads,
             control_steps=engine.control_steps,
-            episodes=self._final_episodes if engine.has_made(settings.steps) else None,
+            episodes=self._final_episodes if is_final else None,
         )
-        self._fail_diverged()
-        self._share_processor_time()
-        for index, member in self._active():
-            made = evaluations[index]
-            if made.failure is not None:
-                self._fail(member, made.failure)
-                continue
-            member.log.evaluation(
-                engine.control_steps, made.returns.tolist(), made.lengths.tolist(), made.path
-            )
-        self._note_policies()
 
     def _note_policies(self) -> None:
         """Remembers the policies that have just been evaluated."""

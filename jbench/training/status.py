@@ -76,26 +76,29 @@ def run_statuses(runs: Iterable[RunSettings], results: Results) -> dict[str, Run
 
 def sentences(statuses: Mapping[str, RunStatus], retry_failed: bool) -> Iterator[str]:
     """Yields sentences on existing runs, with the errors of failed ones."""
-    finished, unfinished = (
-        [id for id, status in statuses.items() if status.state == state]
-        for state in ("finished", "unfinished")
-    )
+    total = len(statuses)
+    finished = [id for id, status in statuses.items() if status.state == "finished"]
+    unfinished = [id for id, status in statuses.items() if status.state == "unfinished"]
+    failed = failures_among(statuses)
+
     if finished:
-        rest = "; nothing to do" if len(finished) == len(statuses) else ""
-        count = f"{len(finished)} of {counted(len(statuses), 'run')} {are(len(finished))}"
-        subject = f"The run {finished[0]} is" if len(statuses) == 1 else count
+        count = len(finished)
+        which = f"{count} of {counted(total, 'run')} {are(count)}"
+        subject = f"The run {finished[0]} is" if total == 1 else which
+        rest = "; nothing to do" if count == total else ""
         yield f"{subject} already finished{rest}."
     if unfinished:
-        count = f"{counted(len(unfinished), 'run')} {are(len(unfinished))}"
-        yield f"{count} unfinished: interrupted, or another process is training."
-    failed = failures_among(statuses)
+        count = len(unfinished)
+        which = f"{counted(count, 'run')} {are(count)}"
+        yield f"{which} unfinished: interrupted, or another process is training."
+
     for id, error in failed.items():
         yield f"The run {id} failed before: {error}"
-    certain = [id for id in failed if statuses[id].fails_again]
+    certain = sum(statuses[id].fails_again for id in failed)
     if certain:
-        count = f"{counted(len(certain), 'run')} of these would fail again"
-        yield f"{count}: the same numbers, code and machine make the same error."
-    if others := len(failed) - len(certain):
+        which = f"{counted(certain, 'run')} of these would fail again"
+        yield f"{which}: the same numbers, code and machine make the same error."
+    if others := len(failed) - certain:
         how = "trying again" if retry_failed else "--retry-failed tries again"
         yield f"{counted(others, 'run')} failed before; {how}."
 
@@ -159,11 +162,12 @@ def with_kept_evaluations(
     older = [run.model_copy(update=_older_evaluations(run, free)) for run in runs]
     if older != runs and any(run_status(run, results).state != "missing" for run in older):
         return older
-    kept = (record for run in runs for record in kept_runs(run, results, *free))
-    if (continued := next(kept, None)) is None:
-        return runs
-    changes = {name: continued.settings[name] for name in free}
-    return [run.model_copy(update=changes) for run in runs]
+
+    for run in runs:
+        for continued in kept_runs(run, results, *free):
+            changes = {name: continued.settings[name] for name in free}
+            return [each.model_copy(update=changes) for each in runs]
+    return runs
 
 
 def _older_evaluations(run: RunSettings, free: Sequence[str]) -> dict[str, int]:
@@ -177,52 +181,67 @@ def _older_evaluations(run: RunSettings, free: Sequence[str]) -> dict[str, int]:
 
 def new_beginnings(runs: Iterable[RunSettings], results: Results) -> Iterator[str]:
     """Yields sentences on new runs that can't continue the shorter ones that are finished."""
-    reasons: Counter[tuple[int, str]] = Counter()
-    for run in runs:
-        shorter = shorter_runs(run, results, "evaluate_every")
-        same = [r for r in shorter if r.settings["evaluate_every"] == run.evaluate_every]
-        kept = [r for r in shorter if r.roles()]
-        if run.robots == 1 and any(r.roles() for r in same):
-            continue
-        if same:
-            longest = same[0]
-            why = obstacle(run) or "the state was not kept, as --keep-state does"
-        elif kept:
-            longest = kept[0]
-            every = longest.settings["evaluate_every"]
-            why = f"evaluations have another distance; type --evaluate-every {every}"
-        else:
-            continue
-        reasons[longest.settings["steps"], why] += 1
-    for (steps, why), count in reasons.items():
+    counts = Counter(filter(None, (_new_beginning(run, results) for run in runs)))
+    for (steps, reason), count in counts.items():
         if count == 1:
             what = "1 run trains from the beginning, not from the end of a finished run"
         else:
             what = f"{count:,} runs train from the beginning, not from the end of finished runs"
-        yield f"{what} of {steps:,} control steps: {why}."
+        yield f"{what} of {steps:,} control steps: {reason}."
+
+
+def _new_beginning(run: RunSettings, results: Results) -> tuple[int, str] | None:
+    """Returns the steps of the run that a new run does not continue, and the reason.
+
+    None if the new run continues one, or there is none.
+    """
+    shorter = shorter_runs(run, results, "evaluate_every")
+    same = [each for each in shorter if each.settings["evaluate_every"] == run.evaluate_every]
+    kept = [each for each in shorter if each.roles()]
+    if run.robots == 1 and any(each.roles() for each in same):
+        return None
+
+    if same:
+        reason = obstacle(run) or "the state was not kept, as --keep-state does"
+        return same[0].settings["steps"], reason
+    if kept:
+        every = kept[0].settings["evaluate_every"]
+        reason = f"evaluations have another distance; type --evaluate-every {every}"
+        return kept[0].settings["steps"], reason
+    return None
 
 
 def check_state_can_be_kept(runs: Iterable[RunSettings], keep: KeepState = "whole") -> None:
     """Raises a RequestError if no longer run could continue one of these runs."""
     option = "--keep-compact-state" if keep == "compact" else "--keep-state"
     for run in runs:
-        why = obstacle(run)
-        hint = f"leave {option} out"
-        episodes = run.episode_steps * run.environments  # control steps from one end to the next
-        is_between = run.last_step % episodes == 0
-        if why is None and not is_between and not find_task(run.task).has_state_within_episode:
-            why = (
-                f"{run.task} has a state between two episodes only, and the run's last control "
-                f"step is the {run.last_step:,}th"
-            )
-            enough = math.lcm(episodes, run.rollout)
-            hint = f"type --steps {-(-run.steps // enough) * enough}, or {hint}"
-        if why is not None:
-            raise RequestError(f"A finished run of {run.algo} can't be continued: {why}; {hint}.")
-        if keep == "compact" and (why := _compact_obstacle(run)) is not None:
+        refused = f"A finished run of {run.algo} can't be continued"
+        if (reason := obstacle(run)) is not None:
+            raise RequestError(f"{refused}: {reason}; leave {option} out.")
+        if (reason := _end_within_episode(run)) is not None:
+            enough = math.lcm(_distance_of_ends(run), run.rollout)
+            steps = -(-run.steps // enough) * enough  # rounded up
+            raise RequestError(f"{refused}: {reason}; type --steps {steps}, or leave {option} out.")
+        if keep == "compact" and (reason := _compact_obstacle(run)) is not None:
             raise RequestError(
-                f"A run of {run.algo} has no compact state: {why}; type --keep-state."
+                f"A run of {run.algo} has no compact state: {reason}; type --keep-state."
             )
+
+
+def _distance_of_ends(run: RunSettings) -> int:
+    """Returns the control steps from one end of the run's episodes to the next."""
+    return run.episode_steps * run.environments
+
+
+def _end_within_episode(run: RunSettings) -> str | None:
+    """Returns why a run has no state at its end, if it ends within an episode; else None."""
+    is_between = run.last_step % _distance_of_ends(run) == 0
+    if is_between or find_task(run.task).has_state_within_episode:
+        return None
+    return (
+        f"{run.task} has a state between two episodes only, and the run's last control step is "
+        f"the {run.last_step:,}th"
+    )
 
 
 def _compact_obstacle(run: RunSettings) -> str | None:

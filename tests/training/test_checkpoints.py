@@ -13,10 +13,11 @@ import safetensors.torch
 import torch
 
 from jbench.store import Results
-from jbench.training import checkpoints, log
+from jbench.training import log, replay_pieces
 from jbench.training.batched_run import run_batch
 from jbench.training.checkpoints import load
 from jbench.training.events import EpisodeEnded
+from jbench.training.replay_pieces import stored_rows
 from tests.store.test_damage import flip_a_byte
 from tests.training.small_runs import train_batch
 from tests.training.test_resume import outcome, settings
@@ -122,7 +123,7 @@ def test_newest_two_checkpoints_are_kept_with_their_rows(stopped):
     assert record.rows("episodes") == 5
     # 5 episodes of 50 steps: 51 rows each.
     assert checkpoint.replay_row == 255
-    assert checkpoints.read_replay(record, 255).shape == (1, 255, 18)
+    assert stored_rows(record, 255).shape == (1, 255, 18)
     assert do(path, [run]) == [(1, 250, "")]
     assert outcome(path, run) == uninterrupted
 
@@ -206,7 +207,7 @@ def test_resume_with_other_versions_is_reported(stopped):
 @pytest.mark.slow
 def test_number_of_files_of_run_is_limited(tmp_path, monkeypatch):
     monkeypatch.setattr(log, "_MAX_PARTS", 3)
-    monkeypatch.setattr(checkpoints, "_MAX_PIECES", 2)
+    monkeypatch.setattr(replay_pieces, "_MAX_PIECES", 2)
     run = settings("ddpg", 1)  # its replay buffer overwrites rows after 125 steps
     do(tmp_path / "uninterrupted", [run], checkpoint_every=1000)
     stop_at(tmp_path / "stopped", [run], 300)

@@ -1,0 +1,42 @@
+"""A run of a batch while it is trained."""
+
+import contextlib
+from dataclasses import dataclass
+
+from jbench.encoders import Encoder
+from jbench.errors import WorkError, sentence_of_failure
+from jbench.policies.network import SavedNetwork
+from jbench.settings.run import RunSettings
+from jbench.store import Record
+from jbench.training.checkpoints import Checkpoint
+from jbench.training.log import RunLog
+
+
+@dataclass
+class Member:
+    """A run of a batch, at a control step, or to be resumed there.
+
+    `evaluated` is the policy of the last evaluation, which the last updates may follow.
+    """
+
+    settings: RunSettings
+    encoder: Encoder | None
+    record: Record
+    log: RunLog
+    checkpoint: Checkpoint | None = None
+    control_steps: int = 0
+    evaluated: SavedNetwork | None = None
+    failure: Exception | None = None
+
+    @property
+    def is_unfinished(self) -> bool:
+        """Whether the run has neither finished nor failed."""
+        return self.failure is None and self.record.status == "unfinished"
+
+    def fail(self, error: Exception) -> None:
+        """Records an error that ended the training, as far as its record can be written."""
+        self.failure = error
+        with contextlib.suppress(WorkError):
+            self.log.commit()
+        with contextlib.suppress(WorkError):
+            self.record.fail(sentence_of_failure(error))

@@ -1,6 +1,6 @@
 """The leaderboard: agents, hand-written policies and published curves, ranked on each task."""
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Collection, Hashable, Mapping
 
 import numpy as np
 import pandas as pd
@@ -82,28 +82,54 @@ def leaderboard(
     and n the number of seeds; of a hand-written policy, of episodes. Ours are configurations of
     one kind of return, and algo (or None for all) selects policies and published curves.
     """
-    agents = ours[ours["seeds"] > 0].rename(columns=_NAMES)
-    words = agents["words"].where(agents["words"] == "", ", " + agents["words"])
-    agents["representation"] += words
-    policy = {"entry": "hand-written", "algo": HEURISTIC, "representation": FULL}
-    others = [
-        {"task": task, **policy, "n": len(returns), **st.estimate(st.median, [returns])._asdict()}
-        for task, returns in (by_hand if algo in (None, HEURISTIC) else {}).items()
-    ]
-    policies = pd.DataFrame(others).rename(columns={"value": "median"})
-    tasks = {*agents["task"], *(row["task"] for row in others)}
-    # Of each published agent the longest curve, or the best of several such.
-    ends = published[published["task"].isin(tasks)].groupby(CURVE).last()
-    theirs = ends.sort_values(["steps", "median"]).groupby(CURVE[1:]).last().reset_index()
-    theirs = theirs.assign(entry=PUBLISHED)
-    theirs["algo"] = theirs["algo"].map(display_name)
-    theirs["steps_min"] = theirs["steps"] = theirs["steps"].round().astype(int)
-    theirs = theirs if algo is None else theirs[theirs["algo"] == display_name(algo)]
-    every: pd.DataFrame = pd.concat([agents, policies, theirs], ignore_index=True)
+    if algo not in (None, HEURISTIC):
+        by_hand = {}
+    agents = _agents(ours)
+    tasks = {*agents["task"], *by_hand}
+    entries = [agents, _hand_written(by_hand), _published(published, tasks, algo)]
+    every: pd.DataFrame = pd.concat(entries, ignore_index=True)
     every = every.reindex(columns=COLUMNS).sort_values("median", ascending=False, kind="stable")
+
     ranked = [_ranked(every[every["task"] == task]) for task in in_order(tasks)]
     frame = pd.concat(ranked, ignore_index=True) if ranked else every
     return frame.astype(dict.fromkeys(("rank", "n", "steps_min", "steps"), "Int64"))
+
+
+def _agents(ours: pd.DataFrame) -> pd.DataFrame:
+    """Returns entries of configurations that have seeds."""
+    agents = ours[ours["seeds"] > 0].rename(columns=_NAMES)
+    words = agents["words"].where(agents["words"] == "", ", " + agents["words"])
+    return agents.assign(representation=agents["representation"] + words)
+
+
+def _hand_written(by_hand: Mapping[str, FloatArray]) -> pd.DataFrame:
+    """Returns entries of hand-written policies, by the returns of their episodes on each task."""
+    entries = []
+    for task, returns in by_hand.items():
+        median = st.estimate(st.median, [returns])
+        entries.append(
+            {
+                "task": task,
+                "entry": "hand-written",
+                "algo": HEURISTIC,
+                "representation": FULL,
+                "n": len(returns),
+                "median": median.value,
+                "low": median.low,
+                "high": median.high,
+            }
+        )
+    return pd.DataFrame(entries)
+
+
+def _published(published: pd.DataFrame, tasks: Collection[str], algo: str | None) -> pd.DataFrame:
+    """Returns entries of published agents: of each its longest curve, or the best of several."""
+    ends = published[published["task"].isin(tasks)].groupby(CURVE).last()
+    entries = ends.sort_values(["steps", "median"]).groupby(CURVE[1:]).last().reset_index()
+    steps = entries["steps"].round().astype(int)
+    entries = entries.assign(entry=PUBLISHED, steps=steps, steps_min=steps)
+    entries["algo"] = entries["algo"].map(display_name)
+    return entries if algo is None else entries[entries["algo"] == display_name(algo)]
 
 
 def _ranked(entries: pd.DataFrame) -> pd.DataFrame:

@@ -86,14 +86,6 @@ def _with_source(title: str, key: str) -> Column:
 def _final_returns(frames: Frames) -> Table:
     """Returns the table of final returns: trained agents, then random and hand-written policies."""
     agents = frames.lead(frames.configurations)
-    policies = frames.baselines.rename(columns={"low": "median_low", "high": "median_high"})
-    names = policies["policy"].replace("random", "random actions")
-    policies = policies.assign(source=OWN, representation="", words="", algo=names)
-    counts = dict.fromkeys(("seeds", "draws", "diverged", "reached", "steps_min", "steps"), "Int64")
-    both = [rows.reindex(columns=agents.columns).astype(counts) for rows in (agents, policies)]
-    rows = pd.concat(both, ignore_index=True)
-    rows = rows.sort_values("task", key=lambda task: pd.factorize(task)[0], kind="stable")
-
     columns = [
         TASK,
         _agent(frames),
@@ -121,18 +113,36 @@ def _final_returns(frames: Frames) -> Table:
         estimate(f"steps to {SOLVED_RETURN}", "solved_steps", steps),
         number("published median", "published"),
     ]
-    title = f"Final {frames.returns} returns"
-    shared = frames.source.shared
-    sentences = [_final(frames), INTERVAL, *([f"All runs: {shared}."] if shared else [])]
-    if frames.request.curves:
-        title = "Final returns by method"
-    if len(policies):
-        fewest = int(policies["episodes"].min())
-        sentences.append(f"Random and hand-written policies: {fewest} episodes or more.")
-    if NORMALIZED in {*agents["task"]}:
-        sentences.append("Normalized: 0 is the lowest and 1 the highest return of a task.")
+    title = (
+        "Final returns by method" if frames.request.curves else f"Final {frames.returns} returns"
+    )
+    caption = _final_returns_caption(frames, agents)
+    return Table("final_returns", title, caption, _with_policies(agents, frames.baselines), columns)
 
-    return Table("final_returns", title, " ".join(sentences), rows, columns)
+
+def _with_policies(agents: pd.DataFrame, policies: pd.DataFrame) -> pd.DataFrame:
+    """Returns rows of agents, and below those of each task the policies that were not trained."""
+    policies = policies.rename(columns={"low": "median_low", "high": "median_high"})
+    names = policies["policy"].replace("random", "random actions")
+    policies = policies.assign(source=OWN, representation="", words="", algo=names)
+
+    counts = dict.fromkeys(("seeds", "draws", "diverged", "reached", "steps_min", "steps"), "Int64")
+    both = [rows.reindex(columns=agents.columns).astype(counts) for rows in (agents, policies)]
+    rows: pd.DataFrame = pd.concat(both, ignore_index=True)
+    return rows.sort_values("task", key=lambda task: pd.factorize(task)[0], kind="stable")
+
+
+def _final_returns_caption(frames: Frames, agents: pd.DataFrame) -> str:
+    """Returns what a reader of the final returns must know of them."""
+    sentences = [_final(frames), INTERVAL]
+    if shared := frames.source.shared:
+        sentences.append(f"All runs: {shared}.")
+    if len(frames.baselines):
+        fewest = int(frames.baselines["episodes"].min())
+        sentences.append(f"Random and hand-written policies: {fewest} episodes or more.")
+    if NORMALIZED in set(agents["task"]):
+        sentences.append("Normalized: 0 is the lowest and 1 the highest return of a task.")
+    return " ".join(sentences)
 
 
 def _count(value: int) -> str:

@@ -1,4 +1,4 @@
-"""Builds configurations from rows of the database, with notes on unusual runs.
+"""Builds configurations from rows of the database.
 
 A run that diverged counts with the `diverged_return` from then on. If diverged seeds were left out,
 an algorithm that diverges half of the time would look as good as one that never does.
@@ -15,26 +15,25 @@ import pyarrow as pa
 from jbench.names import ReturnsName
 from jbench.report.data.code import note_changes, recorded_code, split_by_code
 from jbench.report.data.configuration import KEY, Configuration, paper_order
+from jbench.report.data.notes import notes_on_points, notes_on_runs
 from jbench.report.data.points import (
     CONTROL_STEPS,
     NOTHING,
     RETURN,
+    Points,
     count_divergence,
     run_points,
     stacked,
 )
-from jbench.report.data.source_names import FILE, OWN, has_return_range
+from jbench.report.data.source_names import OWN
 from jbench.returns import EVALUATION, TRAINING, diverged_return
 from jbench.settings.code_words import code_dates
 from jbench.settings.recorded import comparable, parse_run
-from jbench.settings.variants import CUT, chosen_words, variant_words
-from jbench.statistics import FloatArray, IntArray
-from jbench.statistics.bootstrap import MIN_SEEDS
-from jbench.wording import are, counted
+from jbench.settings.variants import variant_words
+from jbench.statistics import FloatArray
 
 _ORDER = ["seed", "reached", "recorded", "steps", "run"]
 _ASCENDING = [True, False, False, False, True]
-_NAMES = {TRAINING: ("episode", "return"), EVALUATION: ("evaluation", "evaluation")}
 
 PointsByKind = Mapping[ReturnsName, Mapping[str, FloatArray]]
 """Points by kind of return and run; see `run_points`."""
@@ -174,119 +173,41 @@ def _build(
 ) -> Iterator[Configuration]:
     """Yields a configuration for each kind of return of runs, the longest of each seed first."""
     chosen = same.drop_duplicates("seed")
-    diverged = chosen["diverged"].notna()
-    planned = np.array([bool(run.evaluate_episodes) for run in chosen["typed"]])
+    has_diverged = chosen["diverged"].notna()
+    was_evaluated = np.array([bool(run.evaluate_episodes) for run in chosen["typed"]])
     # Those that would have returns of a kind if they had not diverged.
-    expected = {TRAINING: diverged, EVALUATION: diverged & planned}
+    expected = {TRAINING: has_diverged, EVALUATION: has_diverged & was_evaluated}
+
     notes: list[str] | None = None
     for kind, recorded in points.items():
-        known = chosen["run"].isin([*recorded])
-        has_points = known | expected[kind]
+        has_points = chosen["run"].isin([*recorded]) | expected[kind]
         if not has_points.any():
             continue
+
         # Both kinds are of the same runs, on which only the first one has notes.
-        notes = _notes_on_runs(same, chosen, kind, words) if notes is None else []
+        notes = notes_on_runs(same, chosen, kind, words) if notes is None else []
         used = chosen[has_points]
         if missing := len(chosen) - len(used):
             point = "evaluation" if kind == EVALUATION else "training episode"
             notes = [f"{missing} of {len(chosen)} seeds have no {point}", *notes]
+
         stacks = stacked([recorded.get(run, NOTHING) for run in used["run"]], kind)
         absent = np.isnan(stacks.returns) & np.isfinite(stacks.control_steps)
-        at = used["diverged"].to_numpy(float)
-        if np.isfinite(at).any():
-            longest = int(used["steps"].fillna(0).max())
-            length = used["typed"].iloc[0].episode_steps
-            lowest = used["lowest"].to_numpy(float)
-            stacks = count_divergence(stacks, at, lowest, longest, kind, length)
+        if np.isfinite(used["diverged"].to_numpy(float)).any():
+            stacks = _with_divergence(stacks, used, kind)
 
         config = Configuration(kind, used, stacks, source, words)
-        config.notes = (*notes, *_notes_on_points(config, absent.sum(axis=1)))
+        config.notes = (*notes, *notes_on_points(config, absent.sum(axis=1)))
         yield config
 
 
-def _notes_on_runs(
-    same: pd.DataFrame, chosen: pd.DataFrame, kind: ReturnsName, words: Sequence[str]
-) -> list[str]:
-    """Returns notes on unusual ones of the runs of the same settings, of which some are chosen."""
-    point = _NAMES[kind][0]
-    notes = []
-    is_cut = any(CUT in word for word in words)
-    if is_cut and (every := chosen_words(chosen["typed"].iloc[0])):
-        notes.append(f"its settings other than the defaults: {every}")
-
-    if len(chosen) < MIN_SEEDS:
-        few = f"only {counted(len(chosen), 'seed')}"
-        notes.append(f"{few}: too few for a band and for quantiles")
-
-    lengths = dict(zip(chosen["seed"], chosen["recorded"], strict=True))
-    for seed, recorded in same.drop(chosen.index).groupby("seed")["recorded"]:
-        notes.append(
-            f"seed {seed} has {len(recorded) + 1} runs: the longest is used, of {lengths[seed]} "
-            f"{point}s, not that of {', '.join(map(str, recorded))}"
-        )
-
-    others = chosen[chosen["diverged"].isna()]
-    diverged = chosen[chosen["diverged"].notna()]
-    if len(diverged):
-        which = ", ".join("seed " + diverged["seed"].astype(str) + " " + diverged["divergence"])
-        notes.append(
-            f"{len(diverged)} of {len(chosen)} diverged ({which}): from its divergence on, a seed "
-            f"counts with {_what_counts(diverged)}"
-        )
-
-    for ended in ("failed", "unfinished"):
-        for seed in others["seed"][others["status"] == ended]:
-            notes.append(f"seed {seed} {ended} after {counted(lengths[seed], point)}")
-
-    # Where episodes end early, runs of the same control steps have other numbers of them.
-    is_whole = others["steps"].nunique() == 1 and (others["status"] == "finished").all()
-    if (different := others["recorded"]).nunique() > 1 and not is_whole:
-        notes.append(f"seeds of unequal length, {different.min()} to {different.max()} {point}s")
-
-    return notes
-
-
-def _what_counts(diverged: pd.DataFrame) -> str:
-    """Returns what each of some runs counts with from its divergence on."""
-    is_negative = diverged["lowest"] < 0
-    if is_negative.all():
-        return "its lowest training return"
-    if is_negative.any():
-        seeds = ", ".join(diverged["seed"][~is_negative].astype(str))
-        return f"its lowest training return (seed {seeds}: 0, which is lower)"
-
-    is_minimum = has_return_range(diverged["task"], ())
-    return "return 0, the minimum" if is_minimum else "return 0, which is lower than its returns"
-
-
-def _notes_on_points(config: Configuration, absent: IntArray) -> list[str]:
-    """Returns notes on returns that are not finite, and on the control steps of points."""
-    notes = [
-        f"{counted(count, _NAMES[config.kind][1])} of seed {seed} {are(count)} not finite and left "
-        "out"
-        for seed, count in zip(config.seeds, absent, strict=True)
-        if count
-    ]
-    return notes + _notes_on_steps(config)
-
-
-def _notes_on_steps(config: Configuration) -> list[str]:
-    """Returns notes on seeds that were logged, or ended, at different control steps."""
-    common = config.common
-    if common.interpolated and not len(common.control_steps):
-        return ["its seeds have no control step in common, so it has no curve"]
-
-    notes = []
-    if common.interpolated:
-        notes.append(
-            "its seeds were logged at different control steps: each is interpolated linearly "
-            "between its own points"
-        )
-
-    if len(common.control_steps) and (end := common.control_steps[-1]) < config.longest:
-        of = "" if config.source == FILE else f" of {config.kind} returns"
-        notes.append(
-            f"its curve{of} ends at {end:,.0f} control steps, the last that every seed has reached"
-        )
-
-    return notes
+def _with_divergence(points: Points, used: pd.DataFrame, kind: ReturnsName) -> Points:
+    """Returns the points of runs, with what those that diverged count with from then on."""
+    return count_divergence(
+        points,
+        used["diverged"].to_numpy(float),
+        used["lowest"].to_numpy(float),
+        planned=int(used["steps"].fillna(0).max()),
+        kind=kind,
+        episode_steps=used["typed"].iloc[0].episode_steps,
+    )

@@ -144,31 +144,45 @@ def count_divergence(
         episode_steps: control steps of an episode.
     """
     planned = max(planned, int(np.nanmax(at)))
-    if np.isfinite(at).all():
-        steps = points.control_steps
-        more = int(not steps.size or np.nanmax(steps) < planned)
-        if kind == TRAINING:
-            more = max(0, max(1, -(-planned // episode_steps)) - steps.shape[1])
-        points = _with_empty_points(points, more)
+    has_diverged = np.isfinite(at)
+    if has_diverged.all():
+        count = _points_to_plan(points.control_steps, planned, kind, episode_steps)
+        points = _with_empty_points(points, count)
 
     control_steps = points.control_steps
     present = np.isfinite(control_steps)
     grid = np.max(np.where(present, control_steps, -np.inf), axis=0)
     empty = np.flatnonzero(np.isinf(grid))
     grid[empty] = (empty + 1) * episode_steps if kind == TRAINING else planned
-    for row in np.flatnonzero(np.isfinite(at)):
-        late = ~present[row] & (grid >= at[row])
-        if not (present[row] | late).any():
-            late[-1] = True
-        after = late | (present[row] & (control_steps[row] > at[row]))
-        control_steps[row, late] = grid[late]
+
+    for row in np.flatnonzero(has_diverged):
+        added = ~present[row] & (grid >= at[row])
+        if not (present[row] | added).any():
+            added[-1] = True
+        after = added | (present[row] & (control_steps[row] > at[row]))
+        control_steps[row, added] = grid[added]
         points.returns[row, after] = lowest[row]
-        points.counts[row, late] = 1.0
+        points.counts[row, added] = 1.0
         if kind == EVALUATION:
             points.deviations[row, after] = 0.0
 
-    end = planned if np.isfinite(at).all() else np.nanmax(control_steps[np.isnan(at)])
+    end = planned if has_diverged.all() else np.nanmax(control_steps[~has_diverged])
     return _continued(points, at, lowest, end, kind)
+
+
+def _points_to_plan(
+    control_steps: FloatArray, planned: int, kind: ReturnsName, episode_steps: int
+) -> int:
+    """Returns how many points seeds that have all diverged lack up to the planned control steps.
+
+    Training episodes are as long as they can be; of evaluations one more is enough.
+    """
+    if kind == TRAINING:
+        episodes = max(1, -(-planned // episode_steps))  # rounded up
+        missing: int = episodes - control_steps.shape[1]
+        return max(0, missing)
+    last = float(np.nanmax(control_steps, initial=0.0))
+    return 1 if last < planned else 0
 
 
 def _continued(

@@ -141,22 +141,27 @@ def _run(arguments: Sequence[str]) -> int:
             raise KeyboardInterrupt
         sys.stdout.flush()
         return answer if isinstance(answer, int) else 0
+
     except typer.TyperException as error:
         return _failed(_refusal(error, arguments), 2)
     except (RequestError, WorkError) as error:
         return _failed(str(error), error.exit_code)
+
     except (KeyboardInterrupt, typer.Abort):
         with contextlib.suppress(OSError):
             output.say_stopped()
         return _INTERRUPTED
+
     except (BrokenPipeError, SystemExit) as end:
         # typer and rich exit with 1 when the reader closes the pipe, as `head` does.
         if BrokenPipeError not in (type(end), type(end.__context__)):
             raise
         return 0
+
     except OSError as error:
         where = f" ({error.filename})" if error.filename else ""
         return _failed(f"the system reports: {error.strerror or error}{where}.", 1)
+
     finally:
         output.is_json = False
         for stream in filter(None, (sys.__stdout__, sys.__stderr__)):

@@ -155,28 +155,42 @@ def _faults(rule: Rule, again: Rule, action_size: int) -> Iterator[str]:
     """Yields what is wrong with the attributes of a rule, of which `again` has other weights."""
     if rule.action_size != action_size:
         yield "its __init__ does not pass action_size on to Rule.__init__"
+    yield from _faults_of_actor(rule, action_size)
+    yield from _faults_of_names(rule)
+
+    others = dict(again.named_buffers())
+    for name, buffer in rule.named_buffers():
+        if not torch.equal(buffer, others[name]):
+            yield f"its buffer {name} is random, but seeds share buffers; make it a parameter"
+
+    first = {module: name for name, module in rule.named_modules()}
+    for name, module in rule.named_modules(remove_duplicate=False):
+        has_parameters = next(module.parameters(), None) is not None
+        if name != first[module] and has_parameters:
+            yield f"{name} is the module {first[module]}; each must have its own"
+
+
+def _faults_of_actor(rule: Rule, action_size: int) -> Iterator[str]:
+    """Yields what is wrong with the layers of a rule's actor."""
     actor = getattr(rule, "actor", None)
     last = actor[-1] if isinstance(actor, nn.Sequential) and actor else None
     if not isinstance(last, nn.Linear) or last.bias is None:
         yield "its actor is no nn.Sequential that ends in a Linear layer with a bias"
     elif last.out_features < action_size:
         yield f"its actor has {last.out_features} outputs, and an action has {action_size} numbers"
+
+
+def _faults_of_names(rule: Rule) -> Iterator[str]:
+    """Yields what is wrong with the losses of a rule, and with the names of what they train."""
     if not rule.losses:
         yield "it has no losses"
     for loss, trained in rule.losses.items():
         if not hasattr(rule, loss) or trained not in parameter_names(rule):
             yield f"it has no method {loss}, or no network or parameter {trained}"
+
     changing = {*rule.losses.values(), *(f"{name}_target" for name in rule.targets)}
     for name in sorted(set(rule.delayed) - changing):
         yield f"{name} is delayed, but neither trained nor a target network"
-    others = dict(again.named_buffers())
-    for name, buffer in rule.named_buffers():
-        if not torch.equal(buffer, others[name]):
-            yield f"its buffer {name} is random, but seeds share buffers; make it a parameter"
-    first = {module: name for name, module in rule.named_modules()}
-    for name, module in rule.named_modules(remove_duplicate=False):
-        if name != first[module] and any(True for _ in module.parameters()):
-            yield f"{name} is the module {first[module]}; each must have its own"
 
 
 def _update(rule: Rule, seeds: int) -> None:

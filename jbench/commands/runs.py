@@ -19,6 +19,7 @@ from jbench.wording import are, counted, duration, progress_text, repair_hint
 if TYPE_CHECKING:
     from jbench.store.follow import Change
     from jbench.store.rows import Row
+    from jbench.store.run_line import RunLine
 
 
 _SPARE = ("created", "wall time", "returns", "variant", "episodes", "points", "steps", "status")
@@ -55,25 +56,10 @@ def runs(
     filters = parsing.run_filters(database, seed, "failed" if failed else status, **typed)
     what: Literal["run", "import"] = "import" if imports else "run"
     lines, problems = list_runs(database, filters, returns, what)
-    rows = [
-        {
-            what: line.run,
-            "status": line.status,
-            "points" if imports else "episodes": f"{line.episodes:,}",
-            "steps": progress_text(line.steps_done, line.steps),
-            "wall time": None if line.wall_time is None else duration(line.wall_time),
-            "created": line.created[:16].replace("T", " "),
-            "returns": line.returns,
-            "variant": line.variant,
-            "error": line.error,
-            "training return": None if line.returns == "evaluation" else line.last_return,
-            "evaluation return": line.evaluation_return,
-            "at the end of training": line.evaluation_return_at_end,
-        }
-        for line in lines
-    ]
+    rows = [_cells(line, what) for line in lines]
     if all(line.evaluation_return == line.evaluation_return_at_end for line in lines):
-        rows = [{n: v for n, v in row.items() if n != "at the end of training"} for row in rows]
+        for row in rows:
+            del row[_AT_END]
 
     if rows:
         header = [name for name in rows[0] if any(row[name] not in (None, "") for row in rows)]
@@ -85,6 +71,28 @@ def runs(
 
     output.document({f"{what}s": [asdict(line) for line in lines], "problems": problems})
     output.warn_of_damage(problems, repair_hint(results))
+
+
+_AT_END = "at the end of training"
+
+
+def _cells(line: "RunLine", what: Literal["run", "import"]) -> dict[str, str | float | None]:
+    """Returns the cells of a row of the table by their columns; returns are numbers."""
+    training_return = None if line.returns == "evaluation" else line.last_return
+    return {
+        what: line.run,
+        "status": line.status,
+        "points" if what == "import" else "episodes": f"{line.episodes:,}",
+        "steps": progress_text(line.steps_done, line.steps),
+        "wall time": None if line.wall_time is None else duration(line.wall_time),
+        "created": line.created[:16].replace("T", " "),
+        "returns": line.returns,
+        "variant": line.variant,
+        "error": line.error,
+        "training return": training_return,
+        "evaluation return": line.evaluation_return,
+        _AT_END: line.evaluation_return_at_end,
+    }
 
 
 def tail(

@@ -54,31 +54,40 @@ class PPOLearner(Learner[PPOSettings]):
 
     def _make_networks(self) -> None:
         """Makes the networks and log sigma as parts of one vector."""
-        settings = self.settings
         view = self.view
-        action_size = self.action_size
+        is_shared = self.settings.shared_layers
+        hidden = self.policy_layout.sizes[:-1]
         # One network with the outputs mu(s) and V(s), or two networks.
-        outputs = (action_size + 1,) if settings.shared_layers else (action_size, 1)
-        layouts = [Layout((*self.policy_layout.sizes[:-1], count)) for count in outputs]
-        actor_length, *critic_length = (layout.length for layout in layouts)
-        lengths = [actor_length, aligned(action_size), *critic_length]
+        outputs = [self.action_size + 1] if is_shared else [self.action_size, 1]
+        actor_layout, *critic_layout = [Layout((*hidden, count)) for count in outputs]
+
         # Networks and log sigma are one vector, because their gradient is clipped by its norm.
+        lengths = [
+            actor_layout.length,
+            aligned(self.action_size),
+            *(layout.length for layout in critic_layout),
+        ]
         self._values = view.state("policy", sum(lengths))
         self._gradient = view.scratch("policy.gradient", sum(lengths))
-        actor, log_sigma, *critic = zip(
-            *(flat.split(lengths, dim=-1) for flat in (self._values, self._gradient)), strict=True
-        )
-        self.log_sigma, self._log_sigma_gradient = (flat[..., :action_size] for flat in log_sigma)
-        self._networks = [
-            Network(view, layout, *flats, workspace=workspace)
-            for layout, flats, workspace in zip(
-                layouts, (actor, *critic), ("actor", "critic"), strict=False
-            )
-        ]
-        self.actor = self._networks[0]
-        self.critic = self._networks[-1]
+        values = self._values.split(lengths, dim=-1)
+        gradients = self._gradient.split(lengths, dim=-1)
+
+        self.actor = Network(view, actor_layout, values[0], gradients[0], workspace="actor")
+        self.log_sigma = values[1][..., : self.action_size]
+        self._log_sigma_gradient = gradients[1][..., : self.action_size]
+        self.critic = self.actor
+        self._networks = [self.actor]
+        for layout in critic_layout:
+            self.critic = Network(view, layout, values[2], gradients[2], workspace="critic")
+            self._networks.append(self.critic)
+
         self._optimizer = Adam(
-            view, "policy", self._values, self._gradient, settings.learning_rate, _ADAM_EPSILON
+            view,
+            "policy",
+            self._values,
+            self._gradient,
+            self.settings.learning_rate,
+            _ADAM_EPSILON,
         )
 
     def initialize(self, generator: Generator) -> None:

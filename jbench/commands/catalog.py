@@ -2,6 +2,7 @@
 
 import importlib.util
 from collections.abc import Callable, Iterable
+from functools import partial
 from json import dumps
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ from typer import Argument
 
 from jbench import names, task_specs
 from jbench.commands import options, output, parsing
+from jbench.commands.kept import kept_steps
 from jbench.errors import RequestError, WorkError
 from jbench.settings.algorithms import ALGORITHMS
 from jbench.settings.records import DatasetSettings
@@ -114,7 +116,6 @@ def collect(
     """Collect a dataset of random actions, of the Jitterbug or another robot."""
     from jbench.datasets import collect as collect_dataset
     from jbench.datasets import plan_dataset
-    from jbench.datasets.by_robot import recorded_layout
     from jbench.settings.base import validated
     from jbench.store.planned import sentences
     from jbench.tasks.find import checked_task, dataset_robot, find_task
@@ -125,26 +126,18 @@ def collect(
     plan = plan_dataset(settings, database)
     settings = plan.settings
     before = database.find("dataset", settings.id)
+    is_finished = before is not None and before.status == "finished"
     for sentence in sentences(plan.changed) if before is None else ():
         output.say(sentence)
 
     if before is None and robot:
         output.note_task(checked_task(settings.robot))
-    elif before is not None and before.status == "finished":
+    elif is_finished:
         output.say(f"The dataset {settings.id} is already finished; nothing to do.")
 
-    def kept() -> str:
-        begun = database.find("dataset", settings.id)
-        steps = 0 if begun is None else recorded_layout(begun).control_steps(begun)
-        if not steps:
-            return "No control step is kept yet; the same command begins again."
-        return (
-            f"{steps:,} of {settings.steps:,} control steps are kept; the same command continues "
-            "there."
-        )
-
-    output.if_stopped(kept)
-    with output.progress("collect", settings.steps, "control steps") as progress:
+    output.if_stopped(partial(kept_steps, settings, database))
+    left = 0 if is_finished else settings.steps
+    with output.progress("collect", left, "control steps") as progress:
         record = collect_dataset(settings, database, threads, progress)
 
     option, tasks = (f" --task {task}", "") if robot else ("", ", for all five tasks")

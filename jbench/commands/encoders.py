@@ -12,6 +12,7 @@ from typer import Option
 from jbench import names
 from jbench.commands import options, output, parsing
 from jbench.commands.encoder_tables import show_errors, show_explained
+from jbench.commands.kept import kept_encoders
 from jbench.wording import counted, with_results
 
 if TYPE_CHECKING:
@@ -120,7 +121,7 @@ def train_encoder(
 
     planned = [kept_settings(database, encoder) for encoder in planned]
     planned = _with_recorded_code(planned, database)
-    output.if_stopped("The same command continues from the last checkpoint, if there is one.")
+    output.if_stopped(partial(kept_encoders, planned, database))
     records = [
         _train_one(encoder, read(encoder.task, encoder.seed), database, train_on)
         for encoder in planned
@@ -170,10 +171,11 @@ def _train_one(
 
     label = f"{settings.representation} {settings.task}"
     then = "measuring what the latents explain and predict"
-    with output.progress(label, epochs or 1, "epochs", then) as progress:
+    is_finished = before is not None and before.status == "finished"
+    with output.progress(label, 0 if is_finished else epochs or 1, "epochs", then) as progress:
         record = train_encoder(settings, states, database, progress, device=device)
 
-    if before is not None and before.status == "finished":
+    if is_finished:
         output.say(f"The encoder {settings.id} is already finished; nothing to do.")
     else:
         passes = "" if epochs is None else f", {counted(epochs, 'epoch')}"

@@ -7,6 +7,7 @@ import sys
 import time
 import webbrowser
 from collections.abc import Iterator, Sequence
+from functools import partial
 from itertools import chain, product
 from pathlib import Path
 from types import FrameType
@@ -16,6 +17,7 @@ from typer import Option
 
 from jbench import names
 from jbench.commands import options, output, parsing
+from jbench.commands.kept import kept_report
 from jbench.errors import NothingYetError, RequestError, WorkError
 from jbench.opengl import has_display
 from jbench.report.request import Request, names_typed
@@ -178,7 +180,7 @@ def _report(database: "Results", out: Path, request: Request) -> None:
     from jbench.report.verdict_matrices import verdict_matrices
     from jbench.store.query import records
 
-    output.if_stopped(f"A report that {out} had before is still there.")
+    output.if_stopped(partial(kept_report, out))
     written = write_report(None if request.curves else database, out, request)
     frames = written.frames
     asked = {"comparisons", "claims"}

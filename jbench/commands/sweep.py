@@ -88,6 +88,7 @@ def sweep(
     """
     from jbench.commands import sweep_status, training
     from jbench.commands.deciding import decide, seeds_to_compare
+    from jbench.commands.kept import kept_of_cells
     from jbench.commands.run_checks import check_runs
     from jbench.sweeps.cell import all_runs, matrix_cells
     from jbench.sweeps.executors import Local, Ray, default_jobs
@@ -119,7 +120,7 @@ def sweep(
     )
 
     cells = matrix_cells(parts, database, accept_changed_code)
-    output.if_stopped(lambda: training.kept(all_runs(cells), database))
+    output.if_stopped(partial(kept_of_cells, cells, database))
     measured = train_on if executor == "local" else None
     check_runs([cell.runs[0] for cell in cells], keep, measured)
     if until_decided:

@@ -67,6 +67,7 @@ def train(
     """Train agents, one run per seed; finished runs are skipped."""
     from jbench.agents.algorithms import choose_engine
     from jbench.commands import sweep_status, training
+    from jbench.commands.kept import kept_runs
     from jbench.commands.run_checks import check_runs
     from jbench.sweeps.executors import Local, default_jobs
     from jbench.training.code import plan_runs
@@ -109,7 +110,7 @@ def train(
 
     worker = training.worker_options(keep, final_episodes, checkpoint_every)
     local = partial(Local, database, at_once, train_on, **worker)
-    output.if_stopped(partial(training.kept, runs, database))
+    output.if_stopped(partial(kept_runs, runs, database))
     failures = training.train_cells(
         cells, database, local, log, retry_failed=retry_failed, wait=False
     )

@@ -19,7 +19,7 @@ from jbench.sweeps.cell import Cell, all_runs, is_finished, missing_encoders
 from jbench.sweeps.scheduler import Executor, sweep
 from jbench.training.events import Event, Note, Warned
 from jbench.training.status import failures_among, run_statuses
-from jbench.wording import are, counted, with_results
+from jbench.wording import counted, with_results
 
 
 def worker_options(
@@ -81,22 +81,6 @@ def check_left(left: Sized, runs: int) -> None:
             f"Another process is training {len(left)} of {counted(runs, 'run')}; jbench runs "
             "shows how far it is, and when it has ended, the same command trains what is left."
         )
-
-
-def kept(runs: Sequence[RunSettings], results: Results) -> str:
-    """Returns what is said of runs whose training was stopped."""
-    statuses = run_statuses(runs, results).values()
-    finished = sum(status.state == "finished" for status in statuses)
-    begun = sum(status.state == "unfinished" for status in statuses)
-    if not finished and not begun:
-        return "No run has begun yet; the same command begins again."
-
-    each = "continues it" if begun == 1 else "continues each of these"
-    goes_on = f"{each} from its last checkpoint" if begun else "trains the others"
-    return (
-        f"Of {counted(len(runs), 'run')}, {finished} {are(finished)} finished and {begun} begun; "
-        f"the same command {goes_on}."
-    )
 
 
 def _about_final_returns(episodes: int) -> str:

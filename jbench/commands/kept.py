@@ -1,0 +1,101 @@
+"""What Ctrl-C says: what a command has kept, and how the same command goes on."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from jbench.settings.records import DatasetSettings
+from jbench.settings.run import RunSettings
+from jbench.wording import are, counted
+
+if TYPE_CHECKING:
+    from jbench.encoders.settings import EncoderSettings
+    from jbench.store import Results
+    from jbench.sweeps.cell import Cell
+
+_BEGINS_AGAIN = "the same command begins again."
+_CONTINUES = "the same command continues there."
+
+
+def kept_steps(settings: DatasetSettings, results: "Results") -> str:
+    """Returns what is said of a dataset whose collection was stopped."""
+    from jbench.datasets.by_robot import recorded_layout
+
+    begun = results.find("dataset", settings.id)
+    steps = 0 if begun is None else recorded_layout(begun).control_steps(begun)
+    if not steps:
+        return f"No control step is kept yet; {_BEGINS_AGAIN}"
+
+    return f"{steps:,} of {settings.steps:,} control steps are kept; {_CONTINUES}"
+
+
+def kept_encoders(encoders: Sequence["EncoderSettings"], results: "Results") -> str:
+    """Returns what is said of encoders whose training was stopped."""
+    from jbench.encoders.loop import CHECKPOINT
+
+    records = [results.find("encoder", encoder.id) for encoder in encoders]
+    finished = sum(record is not None and record.status == "finished" for record in records)
+    begun = [record for record in records if record is not None and CHECKPOINT in record.roles()]
+    if finished:
+        return _of_several("encoder", len(encoders), finished, len(begun))
+    if not begun:
+        return f"No epoch is kept yet; {_BEGINS_AGAIN}"
+
+    epochs = begun[0].rows("encoder_epochs")
+    planned = begun[0].settings["options"]["epochs"]
+    of_which = "" if len(encoders) == 1 else f" of {begun[0].id}"
+    return f"{epochs:,} of {counted(planned, 'epoch')}{of_which} are kept; {_CONTINUES}"
+
+
+def kept_runs(runs: Sequence[RunSettings], results: "Results") -> str:
+    """Returns what is said of runs whose training was stopped."""
+    from jbench.training.status import run_statuses
+
+    statuses = run_statuses(runs, results).values()
+    finished = sum(status.state == "finished" for status in statuses)
+    begun = sum(status.state == "unfinished" for status in statuses)
+    if not finished and not begun:
+        return f"No run has begun yet; {_BEGINS_AGAIN}"
+
+    return _of_several("run", len(runs), finished, begun)
+
+
+def kept_of_cells(cells: Sequence["Cell"], results: "Results") -> str:
+    """Returns what is said of cells, whose datasets and encoders are made before their runs."""
+    from jbench.sweeps.cell import all_runs, is_finished, missing_encoders
+    from jbench.training.status import run_statuses
+
+    runs = all_runs(cells)
+    if any(status.state != "missing" for status in run_statuses(runs, results).values()):
+        return kept_runs(runs, results)
+
+    for dataset, encoders in missing_encoders(cells, results):
+        if not is_finished(results, "dataset", dataset.id):
+            return f"No run has begun: the dataset is made first. {kept_steps(dataset, results)}"
+        return f"No run has begun: encoders are made first. {kept_encoders(encoders, results)}"
+
+    return kept_runs(runs, results)
+
+
+def kept_report(out: Path) -> str:
+    """Returns what is said of a report whose writing was stopped."""
+    if not (out / "index.html").exists():
+        return "No report is written yet; the same command begins again."
+
+    return f"The earlier report in {out} is still there; the same command writes the new one."
+
+
+def _of_several(noun: str, count: int, finished: int, begun: int) -> str:
+    """Returns how many of several records are finished and begun, and what becomes of the others.
+
+    Some are finished or begun.
+    """
+    if finished == count:
+        return f"{counted(count, noun)} {are(count)} finished."
+
+    each = "continues it" if begun == 1 else "continues each of these"
+    goes_on = f"{each} from its last checkpoint" if begun else "trains the others"
+    return (
+        f"Of {counted(count, noun)}, {finished} {are(finished)} finished and {begun} begun; "
+        f"the same command {goes_on}."
+    )

@@ -18,6 +18,7 @@ divides the error rate of several comparisons.
 """
 
 import itertools
+from collections.abc import Callable
 from functools import lru_cache, partial
 from typing import Literal
 
@@ -126,34 +127,68 @@ def _boundary(sums: FloatArray, crossed: BoolArray, allowed: int) -> FloatArray:
 
 
 def interval(
-    ours: FloatArray, theirs: FloatArray, error_rate: float, analyses: int
+    ours: FloatArray, theirs: FloatArray, error_rate: float, analyses: int, margin: float = 0.0
 ) -> tuple[float, float]:
     """Returns the repeated confidence interval of ours minus theirs at the last analysis.
 
     It contains the shifts that no analysis up to this one rejects; see `decided_at` for arguments.
+    So it contains 0 if, and only if, neither side is found to be larger, and lies within the margin
+    if, and only if, both are found to be equal.
     """
-    low = _lowest(ours, theirs, error_rate / 2, analyses)
-    return low, -_lowest(theirs, ours, error_rate / 2, analyses)
+    low = _lowest(ours, theirs, error_rate / 2, analyses, margin)
+    return low, -_lowest(theirs, ours, error_rate / 2, analyses, margin)
 
 
-def _lowest(ours: FloatArray, theirs: FloatArray, error_rate: float, analyses: int) -> float:
-    """Returns the smallest shift of ours that the one-sided test does not reject, by bisection."""
+def _lowest(
+    ours: FloatArray, theirs: FloatArray, error_rate: float, analyses: int, margin: float
+) -> float:
+    """Returns the smallest shift of ours that the one-sided test does not reject, by bisection.
+
+    A verdict depends on which side of 0 and of the margins this shift is, so it is found exactly
+    there: these shifts are tested, too.
+    """
     high = float(ours.mean() - theirs.mean())
     spread = float(np.ptp(np.concatenate([ours - high, theirs])))
     # Of seeds that are all alike, the difference at the least shift must be more than rounding.
-    largest = float(np.abs(np.concatenate([ours, theirs])).max())
-    low = high - max(4 * spread + 1e-9, 10 * _ROUNDING * largest)
-    if not first_above(ours - low, theirs, error_rate, analyses):
+    rounding = 10 * _ROUNDING * float(np.abs(np.concatenate([ours, theirs])).max())
+    low = high - max(4 * spread + 1e-9, rounding)
+
+    def rejects(shift: float) -> bool:
+        return bool(first_above(ours - shift, theirs, error_rate, analyses))
+
+    if not rejects(low):
         return -np.inf
 
-    for _ in range(_BISECTIONS):
+    low, high = _halved(rejects, low, high, _BISECTIONS)
+    limits = {-margin, 0.0, margin}
+    near = [limit for limit in limits if low < limit < high + rounding]
+    for limit in near:
+        low, high = (limit, high) if rejects(limit) else (low, limit)
+
+    if near:
+        low, high = _halved(rejects, low, high, _BISECTIONS)
+
+    for limit in near:
+        if low == limit:  # which is rejected
+            return high
+        if low < limit < low + rounding:
+            return limit
+
+    return low
+
+
+def _halved(
+    rejects: Callable[[float], bool], low: float, high: float, times: int
+) -> tuple[float, float]:
+    """Returns a rejected shift and one that is not, closer to each other than those given."""
+    for _ in range(times):
         shift = (low + high) / 2
-        if first_above(ours - shift, theirs, error_rate, analyses):
+        if rejects(shift):
             low = shift
         else:
             high = shift
 
-    return low
+    return low, high
 
 
 @lru_cache

@@ -134,7 +134,9 @@ def decide(
         verdict, analysis, rate = stops[i] or never
         seeds = analysis * BLOCK
         ours, theirs = (side[:seeds] for side in cut[i])
-        low, high = interval(ours, theirs, rate, analyses[i]) if analysis else (-np.inf, np.inf)
+        low, high = -np.inf, np.inf
+        if analysis:
+            low, high = interval(ours, theirs, rate, analyses[i], margins[i])
         difference = float(ours.mean() - theirs.mean()) if analysis else np.nan
         spent = rate * analysis / analyses[i]
         decisions.append(Decision(verdict, seeds, difference, low, high, rate, spent))

@@ -169,6 +169,28 @@ def test_interval_of_seeds_without_spread_is_their_difference(difference):
     assert compared.low <= difference <= compared.high
 
 
+@pytest.mark.parametrize("beyond", [1e-5, 0.0, -1e-5])
+@pytest.mark.parametrize("limit", [0, -50])
+@pytest.mark.parametrize("are_swapped", [False, True])
+def test_end_of_interval_is_on_the_side_of_the_verdict(beyond, limit, are_swapped):
+    # Of the 252 relabelings of five seeds each, one may be rejected on each side: the observed one
+    # if all of ours, less the shift, are above all of theirs. So the interval begins at the
+    # difference of the smallest of ours and the largest of theirs.
+    ours = np.array([500.0, 510, 520, 530, 540])
+    theirs = np.array([480.0, 485, 490, 495, 500]) - limit - beyond
+    end = limit + beyond
+    if are_swapped:
+        ours, theirs = theirs, ours
+    compared = compare(ours, theirs, 50, 2 / 252 + 1e-6, 1)
+    low = -compared.high if are_swapped else compared.low
+
+    assert low == pytest.approx(end, abs=0.01)
+    assert (low > limit) == (beyond > 0)
+    assert (low == limit) == (beyond == 0)
+    decided = "equal" if limit else "smaller" if are_swapped else "larger"
+    assert compared.verdict == (decided if beyond > 0 else "undecided")
+
+
 def test_five_seeds_are_undecided_with_shared_error_rate():
     # The smallest p-value of 5 + 5 seeds is 1/252.
     ours, theirs = np.arange(10.0) + 1000, np.arange(10.0)

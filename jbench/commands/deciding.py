@@ -5,6 +5,7 @@ from typing import Any
 
 from jbench.commands import output
 from jbench.errors import RequestError
+from jbench.report.numbers import signed, texts
 from jbench.statistics.sequential import BLOCK, ERROR_RATE
 from jbench.store import Results
 from jbench.studies.deciding import MARGIN, decided_word
@@ -79,8 +80,10 @@ def _show_outcomes(reached: Sequence[deciding.Outcome], tried: Container[str]) -
         elif outcome.unknown:
             verdict += f": {outcome.unknown} has no finite return"
 
-        difference = f"{decision.difference:+.0f}" if decision.seeds else ""
-        interval = f"[{decision.low:+.0f}, {decision.high:+.0f}]" if decision.seeds else ""
+        ends = (decision.low, decision.high)
+        difference, interval = (
+            texts(signed, decision.difference, ends) if decision.seeds else ("", "")
+        )
         name = outcome.comparison.name
         spent = f"{decision.spent:.2%}"
         rows.append((name, verdict, decision.seeds, difference, interval, spent))

@@ -15,15 +15,14 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from jbench.report.numbers import fixed, signed, whole
-from jbench.report.table import TASK, Column, Form, FrameRow, Table
+from jbench.report.numbers import SIGNS, Form, decimals, texts
+from jbench.report.table import TASK, Column, FrameRow, Table
 
 _LONG_NAME = 16  # characters; a column with a longer text has lines
 _NAME_WIDTH = "7em"  # of them
 _SENTENCE = 40  # characters; a column with a longer text has sentences
 _SENTENCE_WIDTH = "14em"
 _DIGITS = 4  # of the largest number of a column with decimals
-_SIGNS: dict[Form, str] = {whole: "-", signed: "+"}  # of the numbers that have different decimals
 
 _GREEK = [
     "alpha",
@@ -139,61 +138,60 @@ def _groups(column: Column, rows: Sequence[FrameRow]) -> list[str]:
 
     There is none if rows with one text are not together.
     """
-    texts = [column.text(row) for row in rows]
-    begins = [text if i == 0 or texts[i - 1] != text else "" for i, text in enumerate(texts)]
-    return begins if len({*texts}) == sum(map(bool, begins)) else [""] * len(texts)
+    shown = [column.text(row) for row in rows]
+    begins = [text if i == 0 or shown[i - 1] != text else "" for i, text in enumerate(shown)]
+    return begins if len({*shown}) == sum(map(bool, begins)) else [""] * len(shown)
 
 
 def _texts(column: Column, rows: Sequence[FrameRow]) -> _Made:
     """Returns a column of texts; long ones have several lines."""
-    texts = [column.text(row) for row in rows]
-    longest = max(map(len, texts), default=0)
+    shown = [column.text(row) for row in rows]
+    longest = max(map(len, shown), default=0)
     heading = _latex(column.title)
     if longest <= _LONG_NAME:
-        return _Made("l", heading, [*map(_latex, texts)])
+        return _Made("l", heading, [*map(_latex, shown)])
 
     width = _NAME_WIDTH if longest <= _SENTENCE else _SENTENCE_WIDTH
-    cells = [_breakable(text) if len(text) > _LONG_NAME else _latex(text) for text in texts]
+    cells = [_breakable(text) if len(text) > _LONG_NAME else _latex(text) for text in shown]
     return _Made(f"p{{{width}}}", heading, cells)
 
 
 def _numbers(column: Column, rows: Sequence[FrameRow]) -> _Made:
     """Returns a column of numbers, whose intervals are beside them."""
-    form = _with_equal_decimals(column, rows)
     heading = _latex(column.title)
-    if form is None or not any(map(column.interval, rows)):
-        texts = [form(row[column.key]) if form else column.text(row) for row in rows]
-        return _Made("r", heading, [*map(_latex, texts)])
+    form = column.one
+    if form is None:
+        return _Made("r", heading, [_latex(column.text(row)) for row in rows])
 
-    cells = []
-    for row in rows:
-        ends = column.interval(row)
-        interval = f"[{', '.join(map(form, ends))}]" if ends else ""
-        cells.append(f"{_latex(form(row[column.key]))} & {_latex(interval)}")
+    places = _decimals(column, form, rows)
+    shown = [("", "")] * len(rows)
+    for i, row in enumerate(rows):
+        if column.text(row):
+            shown[i] = texts(form, row[column.key], column.interval(row), places)
 
+    if not any(interval for _, interval in shown):
+        return _Made("r", heading, [_latex(number) for number, _ in shown])
+
+    cells = [f"{_latex(number)} & {_latex(interval)}" for number, interval in shown]
     return _Made(r"r@{ }l", rf"\multicolumn{{2}}{{c}}{{{heading}}}", cells, width=2)
 
 
-def _with_equal_decimals(column: Column, rows: Sequence[FrameRow]) -> Form | None:
-    """Returns the text of a number of a column, empty for unknown ones; None without numbers.
+def _decimals(column: Column, form: Form, rows: Sequence[FrameRow]) -> int | None:
+    """Returns the decimals of all numbers of a column; None if their form has equally many.
 
-    Returns have as many decimals as the one that needs most, up to four digits of the largest, and
-    at least one if any has. Other numbers have equally many already.
+    They are those of the row that needs most, up to four digits of the largest number, and at least
+    one if any row needs some. Numbers below 1e-5 of the largest need none.
     """
-    one = column.one
-    if one is None:
+    if form not in SIGNS:
         return None
 
-    values = [value for row in rows for value in (row[column.key], *column.interval(row))]
-    numbers = [value for value in values if pd.notna(value)]
-    places = max((len(one(value).partition(".")[2]) for value in numbers), default=0)
-    sign = _SIGNS.get(one)
-    if places and sign is not None:
-        largest = max(abs(value) for value in numbers if math.isfinite(value))
-        places = min(places, max(1, _DIGITS - len(f"{largest:.0f}")))
-        return lambda value: "" if pd.isna(value) else fixed(value, places, sign)
-
-    return lambda value: "" if pd.isna(value) else one(value)
+    cells = [(row[column.key], *column.interval(row)) for row in rows]
+    numbers = [abs(value) for cell in cells for value in cell if pd.notna(value)]
+    largest = max(filter(math.isfinite, numbers), default=0.0)
+    known = [[value for value in cell if pd.notna(value)] for cell in cells]
+    shown = [cell for cell in known if any(abs(value) > 1e-5 * largest for value in cell)]
+    places = max((decimals(form, cell) for cell in shown), default=0)
+    return min(places, max(1, _DIGITS - len(f"{largest:.0f}")))
 
 
 def _breakable(text: str) -> str:

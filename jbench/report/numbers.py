@@ -1,8 +1,11 @@
 """How numbers read: returns, differences of returns, ratios and control steps."""
 
 import math
+from collections.abc import Callable, Sequence
 
 from jbench.task_specs import SOLVED_RETURN
+
+Form = Callable[[float], str]
 
 _ZERO = 1e-6
 _SMALL = 9.95
@@ -15,7 +18,7 @@ def whole(value: float) -> str:
         return f"{value:.2g}"
     if SOLVED_RETURN - 0.5 <= value < SOLVED_RETURN:
         return f"{math.floor(10 * value) / 10:,}"
-    return f"{round(value):,d}" if math.isfinite(value) else "infinite"
+    return f"{round(value):,d}" if math.isfinite(value) else fixed(value, 0)
 
 
 def signed(value: float) -> str:
@@ -25,19 +28,80 @@ def signed(value: float) -> str:
     return f"{round(value):+,d}" if abs(value) > _ZERO else "0"
 
 
+def decimals(form: Form, numbers: Sequence[float]) -> int:
+    """Returns how many decimals numbers have that stand beside each other.
+
+    They are as many as two significant digits of the largest one need: none from 10 on. A return
+    just below `SOLVED_RETURN` has one.
+    """
+    largest = max((abs(number) for number in numbers if math.isfinite(number)), default=0.0)
+    if form is whole and any(SOLVED_RETURN - 0.5 <= number < SOLVED_RETURN for number in numbers):
+        return 1
+    if not _ZERO < largest < _SMALL:
+        return 0
+
+    _, _, exponent = f"{largest:.1e}".partition("e")
+    return max(1 - int(exponent), 0)
+
+
 def fixed(value: float, places: int, sign: str = "-") -> str:
     """Formats a return with a number of decimals, and a difference with the sign "+"."""
     if not math.isfinite(value):
-        return whole(value)
+        return f"{value:{sign}}".replace("inf", "infinite")
     if sign == "-" and SOLVED_RETURN - 0.5 <= value < SOLVED_RETURN:  # as by `whole`
         value = math.floor(value * 10**places) / 10**places
-    return f"{value:{sign}z,.{places}f}"
+    text = f"{value:{sign}z,.{places}f}"
+    return text if text.strip("+0.") else text.lstrip("+")
 
 
-def rounded(value: float) -> str:
-    """Formats a difference of returns without decimals."""
-    text = f"{value:+.0f}"
-    return "0" if text in ("+0", "-0") else text
+def end(value: float, places: int, sign: str = "-") -> str:
+    """Formats the end of an interval.
+
+    Where that of a difference is so small that it reads 0, a sign shows on which side of 0 it is:
+    `[+0, +61]` does not contain 0, and `[0, +61]` begins there.
+    """
+    text = fixed(value, places, sign)
+    reads_zero = not text.strip("0.")
+    if sign == "+" and reads_zero and abs(value) > _ZERO:
+        return f"{'-' if value < 0 else '+'}{text}"
+
+    return text
+
+
+def texts(
+    form: Form, value: float, ends: Sequence[float], places: int | None = None
+) -> tuple[str, str]:
+    """Formats a number, and its interval such as `[640, 690]`, all with as many decimals.
+
+    Args:
+        form: of a single number; only `whole` and `signed` have different numbers of decimals.
+        value: the number.
+        ends: of its interval; none if it is unknown.
+        places: decimals, if other numbers beside these need more.
+    """
+    sign = SIGNS.get(form)
+    if sign is None or (places is None and not ends):
+        return form(value), f"[{', '.join(map(form, ends))}]" if ends else ""
+
+    if places is None:
+        places = decimals(form, (value, *ends))
+
+    interval = ", ".join(end(number, places, sign) for number in ends)
+    return fixed(value, places, sign), f"[{interval}]" if interval else ""
+
+
+def with_interval(form: Form, value: float, ends: Sequence[float]) -> str:
+    """Formats a number with its interval, if that is known: `668 [640, 690]`."""
+    return " ".join(filter(None, texts(form, value, ends)))
+
+
+def with_error(value: float, error: float) -> str:
+    """Formats a return with its error, if that is known: `668 ± 12`."""
+    if not math.isfinite(error):
+        return whole(value)
+
+    places = decimals(whole, (value, error))
+    return f"{fixed(value, places)} ± {fixed(error, places)}"
 
 
 def ratio(value: float) -> str:
@@ -55,3 +119,7 @@ def steps(value: float) -> str:
         if rounded >= size:
             return f"{rounded / size:g}{unit}"
     return f"{rounded:g}"
+
+
+SIGNS: dict[Form, str] = {whole: "-", signed: "+"}
+"""Of the forms whose numbers have different decimals."""

@@ -15,7 +15,7 @@ import pyarrow as pa
 from pyarrow import csv
 
 from jbench.errors import RequestError
-from jbench.report.numbers import steps, whole
+from jbench.report.numbers import steps, whole, with_interval
 from jbench.report.texts import clean, map_texts
 from jbench.wording import not_formula
 
@@ -134,8 +134,7 @@ def number(
     """Returns a column of numbers, with the intervals of these ends: `668 [640, 690]`."""
 
     def text(row: FrameRow) -> str:
-        interval = column.interval(row)
-        return form(row[key]) + (f" [{', '.join(map(form, interval))}]" if interval else "")
+        return with_interval(form, row[key], column.interval(row))
 
     column = Column(title, key, text, numeric=True, note=note, one=form, ends=ends)
     return column

@@ -11,7 +11,7 @@ import pandas as pd
 from jbench.report.comparison_tables import COMPARED
 from jbench.report.data.source_names import OWN
 from jbench.report.frames import Frames
-from jbench.report.numbers import rounded
+from jbench.report.numbers import signed, texts
 from jbench.statistics.bootstrap import DECIDING_SEEDS
 from jbench.studies.deciding import margin
 
@@ -146,10 +146,8 @@ def _cell(row: Mapping[Any, Any], reach: float) -> VerdictCell:
         return round(60 + 56 * float(np.nan_to_num(np.clip(value / (reach or 1), -1, 1))), 1)
 
     similar = margin(row["task"])
-    difference = rounded(row["value"])
-    interval = ""
-    if np.isfinite([row["low"], row["high"]]).all():
-        interval = f" [{rounded(row['low'])}, {rounded(row['high'])}]"
+    ends = [row["low"], row["high"]]
+    difference, interval = texts(signed, row["value"], ends if np.isfinite(ends).all() else [])
 
     verdict = row["verdict"]
     has_enough_seeds = row["seeds"] >= DECIDING_SEEDS and np.isfinite(row["corrected_low"])
@@ -164,7 +162,7 @@ def _cell(row: Mapping[Any, Any], reach: float) -> VerdictCell:
         state=_STATES.get(row["mark"], "for" if row["verdict"] == "similar" else "open"),
         size="" if np.isnan(row["value"]) else difference,
         text=row["text"],
-        numbers=f"uncorrected: {difference}{interval}, {row['seeds']} seeds",
+        numbers=f"uncorrected: {f'{difference} {interval}'.rstrip()}, {row['seeds']} seeds",
         corrected_by=row["corrected_by"],
         value=at(row["value"]),
         low=at(row["low"]),

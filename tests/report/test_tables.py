@@ -184,10 +184,43 @@ def test_number_is_written_with_interval(row, printed):
     assert estimate("x", "x").text(values) == printed
 
 
+@pytest.mark.parametrize(
+    ("difference", "ends", "written"),
+    [
+        (-0.058, (-51.2, 60.9), ("0", "[-51, +61]")),
+        (4.2, (-3.1, 12.0), ("+4", "[-3, +12]")),
+        (-6.84, (-9.9, -0.2), ("-6.8", "[-9.9, -0.2]")),
+        (0.3, (0.1, 0.52), ("+0.30", "[+0.10, +0.52]")),
+        # The interval of a decided difference does not contain 0; one that begins there does.
+        (25.4, (0.002, 51.0), ("+25", "[+0, +51]")),
+        (25.4, (0.0, 51.0), ("+25", "[0, +51]")),
+        (25.4, (-0.4, 51.0), ("+25", "[-0, +51]")),
+        (25.4, (-math.inf, math.inf), ("+25", "[-infinite, +infinite]")),
+    ],
+)
+def test_a_difference_and_its_interval_have_as_many_decimals_everywhere(difference, ends, written):
+    assert numbers.texts(numbers.signed, difference, ends) == written
+    if not np.isfinite(ends).all():
+        return
+
+    column = number("difference", "by", numbers.signed, ("low", "high"))
+    low, high = ends
+    made = table([plain("x"), column], x=["a"], by=[difference], low=[low], high=[high])
+    both = " ".join(written)
+    assert made.texts()["difference"].tolist() == [both]
+    assert f"| a | {both} |" in to_markdown(made)
+    assert latex_rows(made) == [["a", written[0], written[1].replace("[", "{[}")]]
+
+
+def test_a_return_and_its_error_have_as_many_decimals():
+    assert numbers.with_error(668.2, 3.14) == "668 ± 3"
+    assert numbers.with_error(0.52, 0.031) == "0.52 ± 0.03"
+    assert numbers.with_error(668.2, math.nan) == "668"
+
+
 def test_differences_have_sign_and_no_minus_zero():
     assert [numbers.signed(x) for x in (12.4, -12.4, 1e-9, -1e-9)] == ["+12", "-12", "0", "0"]
     assert numbers.whole(-1e-9) == "0"
-    assert [numbers.rounded(x) for x in (12.4, -0.16, 0.4, -0.6)] == ["+12", "0", "0", "-1"]
     assert numbers.ratio(-0.001) == "0.00"
 
 

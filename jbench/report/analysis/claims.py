@@ -21,7 +21,7 @@ from jbench.report.analysis.findings import Decided, Finding, decide, decide_sol
 from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, seed_scores
 from jbench.report.data.configuration import Configuration, differing_in
 from jbench.report.data.scores import Scores
-from jbench.report.numbers import ratio, rounded, signed, steps, whole
+from jbench.report.numbers import ratio, signed, steps, whole, with_interval
 from jbench.settings.algorithms import display_name
 from jbench.settings.recorded import comparable
 from jbench.statistics import FloatArray
@@ -99,9 +99,9 @@ def _text(row: dict[str, Any]) -> str:
     """Returns a finding as the table shows it: the verdict, the effect and its interval."""
     form = _FORMS.get(row["claim"], signed)
     value, low, high = row["effect"], row["low"], row["high"]
-    known = "unknown" if np.isnan(value) else form(value)
-    interval = f" [{form(low)}, {form(high)}]" if np.isfinite([low, high]).all() else ""
-    return f"{row['verdict']}: {known}{interval}"
+    ends = (low, high) if np.isfinite([low, high]).all() else ()
+    known = "unknown" if np.isnan(value) else with_interval(form, value, ends)
+    return f"{row['verdict']}: {known}"
 
 
 def published_findings(task: str | None, algo: str | None) -> list[dict[Any, Any]]:
@@ -237,7 +237,7 @@ def _without_episodes(finding: Finding, pair: Pair) -> Finding:
     remark = finding.remark
     value, low, high, _ = pair.agents_difference()
     if not {"supported": low > 0, "contradicted": high < 0}.get(decided.verdict, True):
-        interval = f"difference {rounded(value)} [{rounded(low)}, {rounded(high)}]"
+        interval = f"difference {with_interval(signed, value, (low, high))}"
         reason = f"of the agents alone: {interval if np.isfinite(value) else 'unknown'}"
         decided = replace(decided, verdict="undecided")
         remark = "; ".join(filter(None, (reason, remark)))
@@ -288,4 +288,4 @@ def _no_gain_to_compare(scores: Sequence[Scores]) -> str:
             near = f"both are within {MARGIN:g} of random actions ({random:g})"
             return f"no verdict, on {task} {near}"
     gain = float(IQM_DIFFERENCE([scores[0].area], [scores[1].area]))
-    return "" if gain > 0 else f"no verdict, nothing is gained on {_HARDER} ({rounded(gain)})"
+    return "" if gain > 0 else f"no verdict, nothing is gained on {_HARDER} ({signed(gain)})"

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from jbench.report.numbers import signed, whole
+from jbench.report.numbers import decimals, end, fixed, signed, whole
 from jbench.statistics import bootstrap as st
 from jbench.statistics.step_down import Interval, corrected_level
 from jbench.studies.deciding import WORDS
@@ -137,13 +137,22 @@ class Comparison:
             return f"{signed(value)}, {reason} seeds"
 
         if low > 0:
-            text = f"higher by {whole(low)} to {whole(high)}"
+            text = f"higher by {_range(low, high)}"
         elif high < 0:
-            text = f"lower by {whole(-high)} to {whole(-low)}"
+            text = f"lower by {_range(-high, -low)}"
         else:
-            text = f"{signed(low)} to {signed(high)}"
+            places = decimals(signed, (low, high))
+            text = f"{end(low, places, '+')} to {end(high, places, '+')}"
 
         return _NUMBERS[self.claim] + text
+
+
+def _range(least: float, most: float) -> str:
+    """Returns the range of the size of a difference in words, such as `10 to 156`."""
+    places = decimals(whole, (least, most))
+    shown = fixed(least, places)
+    largest = fixed(most, places)
+    return f"{shown} to {largest}" if shown.strip("0.") else f"up to {largest}"
 
 
 def judge(family: Sequence[Comparison]) -> None:

@@ -13,7 +13,7 @@ from matplotlib.axis import Axis
 
 from jbench.report import style
 from jbench.report.data.source_names import has_return_range, has_solved_return
-from jbench.report.numbers import whole
+from jbench.report.numbers import whole, with_interval
 from jbench.report.style import Look, Looks
 from jbench.task_specs import SOLVED_RETURN
 
@@ -85,7 +85,7 @@ def add_rows(axes: Axes, rows: pd.DataFrame, looks: Looks, value: str) -> None:
 
 def interval_text(value: float, low: float, high: float) -> str:
     """Formats a number with its interval, if known."""
-    return whole(value) + (f" [{whole(low)}, {whole(high)}]" if np.isfinite(low) else "")
+    return with_interval(whole, value, (low, high) if np.isfinite(low) else ())
 
 
 def name_rows(axes: Axes, names: Sequence[str] | pd.Series) -> None:

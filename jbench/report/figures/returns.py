@@ -11,7 +11,7 @@ from jbench.report import style
 from jbench.report.figures import marks
 from jbench.report.figures.chart import ROWS, Chart, Panel, by_task
 from jbench.report.frames import Frames
-from jbench.report.numbers import ratio, whole
+from jbench.report.numbers import ratio, with_error
 from jbench.report.style import Look, Looks
 from jbench.statistics.bootstrap import DECIDING_SEEDS
 from jbench.task_specs import highest_return
@@ -75,7 +75,7 @@ def _draw_forest(
         error = 2 * mine["episode_sd"] / np.sqrt(mine["episodes"])
         axes.hlines(below, final - error, final + error, alpha=0.35, linewidth=0.8, **look.ink)
         tips = [
-            f"seed {seed}: {whole(value)}" + (f" ± {whole(twice)}" if np.isfinite(twice) else "")
+            f"seed {seed}: {with_error(value, twice)}"
             for seed, value, twice in zip(mine["seed"], final, error, strict=True)
         ]
         marks.add_points(axes, final, below, tips, look._replace(marker="o"), 3.2, alpha=0.6)

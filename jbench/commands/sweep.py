@@ -9,6 +9,7 @@ from typer import Argument, Option
 
 from jbench import names
 from jbench.commands import options, output, parsing
+from jbench.commands.kept import kept_of_cells
 from jbench.errors import RequestError
 from jbench.wording import counted, with_results
 
@@ -88,7 +89,6 @@ def sweep(
     """
     from jbench.commands import sweep_status, training
     from jbench.commands.deciding import decide, seeds_to_compare
-    from jbench.commands.kept import kept_of_cells
     from jbench.commands.run_checks import check_runs
     from jbench.sweeps.cell import all_runs, matrix_cells
     from jbench.sweeps.executors import Local, Ray, default_jobs

@@ -9,6 +9,7 @@ from typer import Option
 
 from jbench import names
 from jbench.commands import options, output, parsing
+from jbench.commands.kept import kept_runs
 from jbench.errors import RequestError
 from jbench.settings.algorithms import ALGORITHMS
 from jbench.settings.run import TYPED, RunSettings
@@ -67,7 +68,6 @@ def train(
     """Train agents, one run per seed; finished runs are skipped."""
     from jbench.agents.algorithms import choose_engine
     from jbench.commands import sweep_status, training
-    from jbench.commands.kept import kept_runs
     from jbench.commands.run_checks import check_runs
     from jbench.sweeps.executors import Local, default_jobs
     from jbench.training.code import plan_runs

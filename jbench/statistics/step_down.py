@@ -42,8 +42,8 @@ class Stop(NamedTuple):
 Interval = Callable[[float], tuple[float, float]]
 """Gives the ends of a number's interval at a confidence."""
 
-Decides = Callable[[float], bool]
-"""Tells whether a comparison is decided by its interval at a confidence."""
+HasDirection = Callable[[float], bool]
+"""Tells whether the interval at a confidence decides which side of a comparison is larger."""
 
 Reached = Callable[[int, Verdict, float], int]
 """Interim analysis at which a comparison (its index) has a verdict at a two-sided rate; else 0."""
@@ -144,11 +144,15 @@ def decide(
     return decisions
 
 
-def corrected_level(family: Sequence[Decides]) -> float:
-    """Returns the error rate of an interval in the last step of Holm's procedure."""
+def corrected_level(family: Sequence[HasDirection]) -> float:
+    """Returns the error rate of an interval in the last step of Holm's procedure.
+
+    As in `step_down`, a comparison that is equal within the margin keeps its share: there may be no
+    difference, which an interval at a larger rate could then exclude.
+    """
     level = 1.0
     left = len(family)
     while left and (level == 1 or ERROR_RATE / left > level):
         level = ERROR_RATE / left
-        left = sum(not decides(1 - level) for decides in family)
+        left = sum(not has_direction(1 - level) for has_direction in family)
     return min(level, ERROR_RATE)

@@ -3,13 +3,16 @@
 import numpy as np
 import pandas as pd
 import pytest
+import scipy.stats
 
 from jbench.report.analysis.claims import examine
 from jbench.report.analysis.decisions import decision_frame, planned_comparisons
+from jbench.report.analysis.judging import Comparison, judge
 from jbench.report.analysis.verdicts import verdict_frame
 from jbench.report.encoders import prediction_frame, return_frame
 from jbench.report.frames import Frames
 from jbench.settings.algorithms import algorithm_settings
+from jbench.statistics.bootstrap import Estimate
 from jbench.statistics.step_down import corrected_level
 
 CLOSE = np.linspace(-10, 10, 8)
@@ -124,6 +127,28 @@ def test_error_rate_is_divided_by_the_comparisons_that_are_left():
     family = [decides(rate) for rate in (0.001, 0.016, 0.04)]
     assert corrected_level(family) == pytest.approx(0.05)
     assert corrected_level([]) == 0.05
+
+
+def test_similar_comparison_passes_nothing_on():
+    # Differences with a standard error of 10 are normal: similar within 30 at any rate, and one
+    # with a p-value of 0.03, which is undecided as one of two comparisons.
+    def compared(value):
+        def interval(confidence):
+            half = 10 * scipy.stats.norm.ppf((1 + confidence) / 2)
+            return value - half, value + half
+
+        estimate = Estimate(value, *interval(0.95))
+        return Comparison("a", {}, estimate, interval, decidable=True, margin=30)
+
+    value = 10 * scipy.stats.norm.isf(0.03 / 2)
+    family = [compared(0.0), compared(60 + value), compared(value)]
+    judge(family[:1] + family[2:])
+    words = [family[place].judgment.word for place in (0, 2)]
+    assert words == ["similar", "undecided"]
+    # A third comparison with a direction passes its share on: 0.05 / 2 again.
+    judge(family)
+    assert [one.judgment.word for one in family] == ["similar", "higher", "undecided"]
+    assert family[2].judgment.low == pytest.approx(value - 10 * scipy.stats.norm.isf(0.0125))
 
 
 def test_listed_comparison_has_the_verdict_of_the_sequential_test(fabric):

@@ -2,7 +2,7 @@
 
 A verdict rests on an interval at a level that Holm's step-down procedure gives (S. Holm, *A simple
 sequentially rejective multiple test procedure*, Scand. J. Statist. 6, 1979): 5% over the number of
-comparisons, then over the number of those that are left, and so on.
+comparisons, then over the number of those in which neither number is larger, and so on.
 """
 
 from collections.abc import Mapping, Sequence
@@ -112,9 +112,9 @@ class Comparison:
             return above
         return below if high < 0 else "undecided"
 
-    def is_decided(self, confidence: float) -> bool:
-        """Returns whether the interval at a confidence gives a verdict."""
-        return self.word(*self.interval(confidence)) != "undecided"
+    def has_direction(self, confidence: float) -> bool:
+        """Returns whether the interval at a confidence tells which number is larger."""
+        return self.word(*self.interval(confidence)) in WORDS[self.claim]
 
     def _text(self, word: str, low: float, high: float, by: str) -> str:
         """Returns a verdict in words, with the difference that it rests on."""
@@ -158,7 +158,7 @@ def _range(least: float, most: float) -> str:
 def judge(family: Sequence[Comparison]) -> None:
     """Judges comparisons by the same claim, each corrected for the others."""
     decidable = [comparison for comparison in family if comparison.decidable]
-    level = corrected_level([comparison.is_decided for comparison in decidable])
+    level = corrected_level([comparison.has_direction for comparison in decidable])
     by = f"Holm, {len(decidable)} comparisons" if len(decidable) > 1 else ""
     for comparison in family:
         low, high = comparison.interval(1 - level)

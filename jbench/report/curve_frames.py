@@ -39,7 +39,7 @@ def curve_frame(curves: Curves) -> pd.DataFrame:
     parts = []
     for config, curve in curves:
         arrays = {"steps": curve.control_steps, "window": curve.widths}
-        banded = len(config.seeds) >= st.MIN_SEEDS
+        banded = curve.seeds >= st.MIN_SEEDS
         for row, name in zip(curve.quantiles, NAMES.values(), strict=True):
             arrays[name] = row if banded or name == "median" else np.full(len(row), np.nan)
         robot_steps = config.robot_episodes * config.longest / config.returns.shape[1]

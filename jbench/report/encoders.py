@@ -132,13 +132,14 @@ def prediction_frame(configurations: Configurations, encoders: pd.DataFrame) -> 
 def return_frame(configurations: Configurations) -> pd.DataFrame:
     """Returns the final returns of configurations that differ only in their representation.
 
-    They are measured at the most frequent last step of these configurations, or at the latest of
-    several such; those that have not reached it are left out. iqm has a 95% interval.
+    They are measured at the number of control steps for which most of these configurations were
+    trained, or at the largest of several such; those that were trained for fewer are left out. iqm
+    has a 95% interval.
     """
     rows = []
     for group in differing_in(configurations, "representation"):
-        end = max(multimode(int(config.last_step) for config in group))
-        for config in (config for config in group if config.last_step >= end):
+        end = max(multimode(config.trained for config in group))
+        for config in (config for config in group if config.trained >= end):
             final = seed_scores(config, end).final
             value, low, high, _ = st.estimate(st.interquartile_mean, [final])
             numbers = {"steps": end, "seeds": len(final), "iqm": value, "low": low, "high": high}

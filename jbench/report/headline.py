@@ -34,7 +34,7 @@ def headline(verdicts: pd.DataFrame, configurations: pd.DataFrame, compared: pd.
     single = from_file and known["label"].nunique() == 1
     if known["seeds"].max() < DECIDING_SEEDS and not single:
         seeds = int(known["seeds"].max())
-        longest = steps(known["steps"].max())
+        longest = steps(known["steps"][known["seeds"] == seeds].max())
         count = "one seed" if seeds == 1 else f"{seeds} seeds"
         if from_file:
             return f"{count.capitalize()} of a method can't decide a comparison."
@@ -116,9 +116,8 @@ def _clauses(verdicts: pd.DataFrame) -> Iterator[tuple[str, str]]:
     for representation, rows in verdicts.groupby("representation", sort=False):
         outcomes: dict[str, dict[str, list[str]]] = {}
         for task, group in rows.groupby("task", sort=False):
-            outcome = _outcome(group)
-            algos = group["algo"][group["verdict"] == outcome].unique()
-            who = f" ({in_prose(algos, 'and')})" if several and len(algos) else ""
+            outcome, algos = _outcome(group)
+            who = f" ({in_prose(algos, 'and')})" if several and algos else ""
             outcomes.setdefault(outcome, {}).setdefault(who, []).append(str(task))
 
         for outcome, agents in outcomes.items():
@@ -134,13 +133,30 @@ def _clauses(verdicts: pd.DataFrame) -> Iterator[tuple[str, str]]:
             yield outcome, f"{verb} {', and '.join(texts)}"
 
 
-def _outcome(rows: pd.DataFrame) -> str:
-    """Returns how agents on a representation end on a task, or learn, if all algorithms agree."""
-    final, speed = ({*rows["verdict"][rows["claim"] == claim]} for claim in ("a", "c"))
-    for words in (final - {"undecided"}, speed - {"undecided"}):
+def _outcome(rows: pd.DataFrame) -> tuple[str, list[str]]:
+    """Returns how agents on a representation end on a task, or learn, and which algorithms do.
+
+    It is undecided if algorithms disagree. Those count of which all variants agree.
+    """
+    final, speed = (_agreed(rows[rows["claim"] == claim]) for claim in ("a", "c"))
+    for decided in (final, speed):
+        words = {*decided.values()} - {"undecided"}
         if len(words) == 1 and words != {"similar"}:
-            return str(words.pop())
-    return "similar" if final == {"similar"} else "undecided"
+            (word,) = words
+            return word, [algo for algo, verdict in decided.items() if verdict == word]
+
+    if {*final.values()} == {"similar"}:
+        return "similar", [*final]
+    return "undecided", []
+
+
+def _agreed(rows: pd.DataFrame) -> dict[str, str]:
+    """Returns the verdict of each algorithm; undecided if its variants have different ones."""
+    verdicts: dict[str, str] = {}
+    for algo, group in rows.groupby("algo", sort=False):
+        words = group["verdict"].unique()
+        verdicts[str(algo)] = str(words[0]) if len(words) == 1 else "undecided"
+    return verdicts
 
 
 def _best(configurations: pd.DataFrame) -> str:

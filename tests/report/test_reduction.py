@@ -238,6 +238,24 @@ def test_headline_of_few_seeds_says_that_it_is_too_early(fabric):
     )
 
 
+def test_headline_of_few_seeds_has_the_steps_of_these_seeds(fabric):
+    fabric.flat(range(5), episodes=4)
+    fabric.flat([1], algo="sac", episodes=40)
+    assert Frames(fabric.results).headline == (
+        "Too early to say: 5 seeds of 4k control steps can't decide anything."
+    )
+
+
+def test_headline_names_no_verdict_of_one_variant_alone(fabric):
+    learn(fabric, {name: FINALS[name] for name in ("full", "planar12")})
+    names = {"full": FINALS["full"], "planar12": FINALS["full"]}
+    other = {"learning_rate": 1e-3, "batch_size": 256}
+    learn(fabric, names, hyperparameters=other)
+    assert Frames(fabric.results).headline == (
+        "Whether TD3 agents on face_direction learn as well on a reduced observation is undecided."
+    )
+
+
 def test_headline_names_task_where_answer_depends_on_it(fabric):
     learn(fabric, {name: FINALS[name] for name in ("full", "planar12")})
     names = {"full": FINALS["full"], "planar12": FINALS["full"]}

@@ -144,6 +144,15 @@ def test_runs_without_evaluations_lead_with_training(fabric):
     assert found.runs["final"].tolist() == [500]
 
 
+def test_band_is_of_three_seeds_that_have_returns(fabric):
+    for seed, final in enumerate([300.0, 500.0, np.nan]):
+        fabric.run(FLAT, seed, evaluated={20_000: final, 40_000: final})
+    curves = Frames(fabric.results).curves.query("returns == 'evaluation'")
+    assert curves["seeds"].tolist() == [2, 2]
+    assert curves["median"].tolist() == [400, 400]
+    assert curves[["q10", "q25", "q75", "q90"]].isna().all(axis=None)
+
+
 def test_steps_of_unequal_runs_are_a_range(fabric):
     fabric.run(np.full(30, 500.0), algo="td3", status="unfinished", steps=99_000)
     fabric.run(np.full(300, 500.0), 1, algo="td3")

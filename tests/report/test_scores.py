@@ -11,6 +11,7 @@ from jbench.report.analysis.scores import seed_scores
 from jbench.report.analysis.verdicts import VERDICTS
 from jbench.report.configurations import configuration_frame
 from jbench.report.data.curves import read_published
+from jbench.report.encoders import return_frame
 from jbench.returns import EVALUATION, TRAINING
 from jbench.store import query
 
@@ -79,3 +80,22 @@ def test_configurations_trained_equally_long_are_paired(fabric):
     assert list(found["a_label"]) == ["TD3 full", "TD3 dae12"]
     assert list(found["p"]) == [0.5, 0.5]
     assert not found["decided"].any()
+
+
+def test_agents_whose_last_episodes_end_at_different_steps_are_paired(fabric):
+    # All are trained for 2,000 control steps; their last episodes end 0 to 25 steps before.
+    for place, representation in enumerate(("full", "scaled11", "pca4")):
+        for seed in range(6):
+            ends = np.arange(50, 2001, 50) - 10 * place - seed
+            names = {"task": "gym:Hopper-v5", "representation": representation}
+            fabric.run(np.full(40, 100.0 * place), seed, steps=2000, ends=ends, **names)
+
+    configurations = fabric.configurations()[0]
+    pairs = pair_frame(configurations, pd.DataFrame(columns=VERDICTS))
+    found = pairs.set_index(["a_label", "b_label"])["p"].to_dict()
+    names = ["TD3 full", "TD3 scaled", "TD3 pca4"]
+    assert found == {
+        (a, b): float(i > j) for i, a in enumerate(names) for j, b in enumerate(names) if a != b
+    }
+    finals = return_frame(configurations).set_index("representation")["iqm"]
+    assert finals.to_dict() == {"full": 0.0, "scaled": 100.0, "pca4": 200.0}

@@ -169,7 +169,7 @@ def pair_frame(configurations: Configurations, verdicts: pd.DataFrame) -> pd.Dat
     samples = {
         (first, other): pair.sample(st.probability_of_improvement)
         for first, other in combinations((c for c in configurations if not c.robots), 2)
-        if first.task == other.task and int(first.last_step) == int(other.last_step)
+        if first.task == other.task and first.trained == other.trained
         if (pair := Pair(first, other)).decidable
     }
     level = corrected_level([partial(_is_decided, sample) for sample in samples.values()])

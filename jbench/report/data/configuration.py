@@ -48,6 +48,9 @@ class Configuration:
         last_step, longest: last control step that every seed has reached, or any.
         steps: (seeds,) control steps of training: as planned for finished runs, else up to the last
             episode.
+        trained: control steps of the shortest run, up to its last evaluation. For training returns
+            they are those of training: the same for agents that were trained equally long, wherever
+            their last episodes ended.
         notes: a clause each.
         robots: number of augmented robots in sequence; 0 for the plain robot.
         robot_episodes: episodes with each robot, in the longest run.
@@ -117,6 +120,7 @@ class Configuration:
         if self.diverged.any() and not self.diverged.all():
             longest = self.steps[~self.diverged].max()
             self.steps[self.diverged] = np.maximum(self.steps[self.diverged], longest)
+        self.trained = int(self.last_step if kind == EVALUATION else self.steps.min())
 
         self.robots = 0 if self.settings.augment is None else self.settings.robots
         episodes = max(int(planned.max()) // self.settings.episode_steps, self.returns.shape[1])

@@ -3,7 +3,7 @@
 A record is committed as usual, so an interrupted merge can be repeated.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from functools import partial
 from typing import Literal, NamedTuple
 
@@ -13,13 +13,20 @@ from jbench.errors import RequestError, WorkError
 from jbench.names import POLICY_FILES, in_prose
 from jbench.store import listed, schema
 from jbench.store.database import Results
-from jbench.store.manifest import KINDS, MANIFEST
+from jbench.store.manifest import KINDS, MANIFEST, RecordKind
 from jbench.store.quarantine import Quarantine
 from jbench.store.record import Folder, Record
 from jbench.store.verify import ShowProgress, examine, no_progress
 
 TIMES = ("wall_time", "processor_time")
 """Columns that may differ between two computations of the same record."""
+
+_ORIGINS: dict[RecordKind, tuple[RecordKind, str]] = {
+    "encoder": ("dataset", "dataset"),
+    "run": ("encoder", "encoder"),
+    "evaluation": ("run", "policy"),
+}
+"""Of what a record was made, by its kind: the kind of that record, and the setting with its id."""
 
 MergeOutcome = Literal["copied", "replaced", "same", "kept", "refused"]
 """Outcome for a record: copied; replaced an unfinished one, which was set aside; the same except
@@ -38,6 +45,9 @@ def merge(
     results: Results, sources: Sequence[Results], progress: ShowProgress = no_progress
 ) -> list[Merged]:
     """Merges the sources, which are only read, into the results.
+
+    What was made of a record that is refused, since another one of its id is there, is refused,
+    too: here it would count as made of the other one.
 
     Raises a RequestError if a source contains no results, or is the destination.
     """
@@ -58,24 +68,43 @@ def merge(
         if MANIFEST in folder.names  # also if it can't be read
     ]
     merged: list[Merged] = []
+    refused = set[_Key]()
     quarantine = Quarantine(results)
     with progress(len(folders)) as show:
         for source, folder in folders:
             name = f"{folder.kind} {folder.id}"
             try:
-                merged.append(Merged(name, _merged(results, source, folder, quarantine)))
+                merged.append(Merged(name, _merged(results, source, folder, quarantine, refused)))
             except (WorkError, RequestError) as error:
                 merged.append(Merged(name, "refused", str(error)))
+                if isinstance(error, _OriginError) or results.has(folder.kind, folder.id):
+                    refused.add((source, folder.kind, folder.id))
 
             show(len(merged))
 
     return merged
 
 
+class _OriginError(WorkError):
+    """A record was made of one that was refused."""
+
+
+_Key = tuple[Results, RecordKind, str]
+"""The directory, kind and id of a record."""
+
+
 def _merged(
-    results: Results, source: Results, folder: Folder, quarantine: Quarantine
+    results: Results,
+    source: Results,
+    folder: Folder,
+    quarantine: Quarantine,
+    refused: Collection[_Key],
 ) -> MergeOutcome:
-    """Copies one record, or keeps the one that is there, and returns which."""
+    """Copies one record, or keeps the one that is there, and returns which.
+
+    Raises a WorkError if it is damaged or conflicts with the one that is there, an _OriginError if
+    it was made of one of those that were refused.
+    """
     kind = folder.kind
     id = folder.id
     other, flaws = examine(source, kind, id)
@@ -88,6 +117,14 @@ def _merged(
     with results.locked(kind, id) as existing:
         if existing is not None:
             outcome = other.reading(partial(_choose, existing, other))
+        if outcome in ("copied", "replaced") and kind in _ORIGINS:
+            needed, setting = _ORIGINS[kind]
+            if (source, needed, origin := other.settings.get(setting)) in refused:
+                raise _OriginError(
+                    f"{other.path} was made with another {needed} {origin} than that of "
+                    f"{results.path}, so it is not copied: jbench report --compare compares two "
+                    "directories."
+                )
         if outcome == "replaced":
             quarantine.take_record(results.found(kind, id))
         if outcome in ("copied", "replaced"):

@@ -117,6 +117,35 @@ def test_run_with_conflicting_rows_is_refused_and_others_are_merged(results, oth
     assert snapshot(other.path) == source
 
 
+def test_what_was_made_of_another_encoder_of_the_same_id_is_refused(results, other):
+    """Else one curve would join agents of both encoders, and call the encoders one."""
+    mine, encoder, run, _ = add_chain(results)
+    add_chain(other)
+    theirs = other.create("encoder", encoder.id, encoder.settings)
+    theirs.finish({}, {"encoder.json": b"{ }"})
+    agent = add_whole_run(other, representation="dae12", encoder=encoder.id, seed=5)
+    settings = {"task": "face_direction", "policy": agent.id, "seed": 0}
+    evaluation = add(other, "evaluation", "face_direction/agent", settings)
+    plain = add_whole_run(other, seed=5)
+
+    before = snapshot(results.path)
+    merged = merge(results, [other])
+    found = {one.record.split(" ")[1]: one.outcome for one in merged}
+    assert {id for id, outcome in found.items() if outcome == "refused"} == {
+        encoder.id,
+        agent.id,
+        evaluation.id,
+    }
+    assert (found[mine.id], found[run.id], found[plain.id]) == ("same", "same", "copied")
+    (reason,) = (one.reason for one in merged if one.record == f"run {agent.id}")
+    assert f"was made with another encoder {encoder.id} than that of {results.path}" in reason
+    after = snapshot(results.path)
+    assert {path: after[path] for path in before} == before
+    # Without an encoder of that id, all are copied.
+    empty = Results(other.path.parent / "empty")
+    assert {*outcomes(empty, other).values()} == {"copied"}
+
+
 def test_run_with_conflicting_policy_is_refused(results, other):
     mine = add_whole_run(results)
     theirs = other.create("run", mine.id, mine.settings)

@@ -52,11 +52,13 @@ def find_encoder(
     if not matches:
         return _checked_id(results, name, task, accept_changed)
 
-    newest = max(matches, key=_usefulness)
+    candidates = [_Candidate(record, _changed_files(record)) for record in matches]
+    best = max(candidates, key=_Candidate.usefulness)
+    newest = best.record
     if newest.status != "finished":
         return _checked_id(results, newest.id, task, accept_changed)
 
-    changed = _changed_files(newest)
+    changed = best.changed
     if changed and not accept_changed:
         raise ChangedCodeError(
             f"{since_recorded(newest, changed)}; type "
@@ -68,9 +70,16 @@ def find_encoder(
     return newest.id
 
 
-def _usefulness(record: Record) -> tuple[bool, bool, str]:
-    """Returns what encoders of one name are ordered by: finished, of the present code, newest."""
-    return record.status == "finished", not _changed_files(record), record.manifest.updated
+class _Candidate(NamedTuple):
+    """An encoder of the name that was asked for, and what has changed of its code since."""
+
+    record: Record
+    changed: list[str]
+
+    def usefulness(self) -> tuple[bool, bool, str]:
+        """Returns what encoders are ordered by: finished, of the present code, newest."""
+        record = self.record
+        return record.status == "finished", not self.changed, record.manifest.updated
 
 
 def _checked_id(results: Results, beginning: str, task: str, accept_changed: bool) -> str:

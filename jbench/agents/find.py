@@ -84,9 +84,12 @@ def find_class(name: str) -> Any:
 
     is_subclass = isinstance(kind, type) and issubclass(kind, group.base) and kind is not group.base
     if not is_subclass or inspect.isabstract(kind):
+        advice = "fix it"
+        if not plugins.is_imported(name):
+            advice = "fix it, or uninstall the package that offers it"
         raise WorkError(
             f"The {group.what} {name} is no subclass of jbench.{group.base.__name__}"
-            f"{group.methods}; fix it, or uninstall the package that offers it."
+            f"{group.methods}; {advice}."
         )
 
     if not (isinstance(kind.Settings, type) and issubclass(kind.Settings, group.settings)):

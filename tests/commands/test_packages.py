@@ -183,8 +183,8 @@ def test_invalid_request_is_refused(installed, arguments, sentence, tmp_path, re
     ("algo", "sentence"),
     [
         ("broken", "The agent broken can't be loaded from other_agents:Missing"),
-        ("no-agent", "The agent no-agent is no subclass of jbench.Agent"),
-        ("jbench:Agent", "is no subclass of jbench.Agent with explore, act and learn; fix it, or"),
+        ("no-agent", "act and learn; fix it, or uninstall the package that offers it."),
+        ("jbench:Agent", "no subclass of jbench.Agent with explore, act and learn; fix it."),
         ("no-settings", "Settings of the agent no-settings is no subclass of jbench.AgentSettings"),
     ],
 )

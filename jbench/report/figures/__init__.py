@@ -1,7 +1,5 @@
 """The figures of a report: each function draws one frame."""
 
-from copy import copy
-
 from jbench.report.figures import curves, kept, returns, shares
 from jbench.report.figures.chart import Chart
 from jbench.report.frames import Frames
@@ -25,7 +23,4 @@ _MAKERS = (
 
 def charts(frames: Frames) -> list[Chart]:
     """Returns the figures that there are data for."""
-    frames = copy(frames)
-    for name in ("curves", "processor", "sequences"):
-        setattr(frames, name, curves.drawn_points(getattr(frames, name)))
     return [chart for make in _MAKERS if (chart := make(frames)) is not None and chart.panels]

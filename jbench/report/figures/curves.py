@@ -31,7 +31,8 @@ def drawn_points(rows: pd.DataFrame) -> pd.DataFrame:
 
 def by_representation(frames: Frames) -> Chart | None:
     """Returns the curves of each task and algorithm with several representations."""
-    curves = frames.curves.assign(series=frames.curves["representation"])[_is_compared(frames)]
+    points = drawn_points(frames.curves)
+    curves = points.assign(series=points["representation"])[_is_compared(points)]
     published = frames.published.assign(series=frames.published["representation"])
     looks = style.looks(curves, "series", "kind")
     title = "Learning curves by representation"
@@ -40,8 +41,9 @@ def by_representation(frames: Frames) -> Chart | None:
 
 def by_algorithm(frames: Frames) -> Chart | None:
     """Returns the curves of each task on the full observation, and those that no figure has."""
-    compared = _is_compared(frames)
-    curves = frames.curves[(frames.curves["kind"] == "full") | ~compared]
+    points = drawn_points(frames.curves)
+    compared = _is_compared(points)
+    curves = points[(points["kind"] == "full") | ~compared]
     short = curves["label"].str.replace(" full", "", regex=False)
     curves = curves.assign(series=short.where(curves["kind"] == "full", curves["label"]))
     # A single curve that the first figure has as well is not drawn again.
@@ -57,7 +59,8 @@ def by_algorithm(frames: Frames) -> Chart | None:
 
 def augmented_sequences(frames: Frames) -> Chart:
     """Returns the curves of agents that are trained on augmented robots in sequence."""
-    rows = frames.sequences[frames.sequences["returns"] == TRAINING]
+    points = drawn_points(frames.sequences)
+    rows = points[points["returns"] == TRAINING]
     rows = rows.assign(series=rows["algo"] + " " + rows["representation"])
     theirs = rows["source"] == PUBLISHED
     looks = style.looks(rows[~theirs], "series", "algo")
@@ -68,7 +71,7 @@ def augmented_sequences(frames: Frames) -> Chart:
 
 def by_processor_time(frames: Frames) -> Chart | None:
     """Returns the median return against the processor time of a seed."""
-    rows = frames.processor
+    rows = drawn_points(frames.processor)
     if rows["configuration"].nunique() < 2:
         return None
 
@@ -83,9 +86,9 @@ def by_processor_time(frames: Frames) -> Chart | None:
     return Chart("processor", "Return against processor time", note, panels, looks)
 
 
-def _is_compared(frames: Frames) -> pd.Series:
+def _is_compared(curves: pd.DataFrame) -> pd.Series:
     """Returns for each row whether its panel shows several representations."""
-    compared: pd.Series = frames.curves.groupby(_GROUP)["representation"].transform("nunique") > 1
+    compared: pd.Series = curves.groupby(_GROUP)["representation"].transform("nunique") > 1
     return compared
 
 

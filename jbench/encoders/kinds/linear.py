@@ -18,7 +18,7 @@ from jbench.tasks.find import find_task
 _MIN_DYNAMIC_VARIANCE = 1e-9  # relative to the largest variance; smaller ones count as 0
 
 
-class Linear(Kind):
+class Projection(Kind):
     """Projects the centered state on the weights named `forth`; those named `back` decode."""
 
     forth: ClassVar[str] = "directions"
@@ -33,7 +33,7 @@ class Linear(Kind):
         return latents @ weights[self.back] + weights["mean"]
 
 
-class PrincipalComponents(Linear, Fitted):
+class PrincipalComponents(Projection, Fitted):
     """Projects on the directions of the largest variance (Pearson, 1901; Hotelling, 1933).
 
     It is the best linear encoder and decoder.
@@ -48,7 +48,7 @@ class PrincipalComponents(Linear, Fitted):
         return {"components": components, "mean": states.learned.mean}
 
 
-class RandomProjection(Linear, Fitted):
+class RandomProjection(Projection, Fitted):
     """Projects on random orthogonal directions (Johnson and Lindenstrauss, 1984).
 
     They do not depend on the data: they are rows of a uniformly distributed random orthogonal
@@ -74,7 +74,7 @@ class RandomProjection(Linear, Fitted):
         return scaled @ weights["projection"].T
 
 
-class RandomFeatures(Linear, Fitted):
+class RandomFeatures(Projection, Fitted):
     """Tanh of random directions with random offsets (Rahimi and Recht, 2007).
 
     Their number may exceed the size of the observation: they are the control for learned
@@ -159,7 +159,7 @@ class Raw(Fitted):
         return (latents - weights["offset"]) * weights["inverse"]
 
 
-class DynamicModes(Linear, Fitted):
+class DynamicModes(Projection, Fitted):
     """Dynamic mode decomposition with control, independent of the units of the features.
 
     A linear model x' = A x + B u + noise of the scaled states x and the actions u is fitted by

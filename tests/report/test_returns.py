@@ -11,7 +11,6 @@ from jbench.returns import EVALUATION, TRAINING
 from jbench.store.evaluations import added_returns
 from jbench.store.listing import list_runs
 from jbench.sweeps.deciding import compared_return
-from jbench.task_specs import highest_return
 
 FLAT = np.full(40, 500.0)
 RISING = {10_000: 100.0, 20_000: 300.0, 30_000: 600.0, 40_000: 950.0}
@@ -158,8 +157,3 @@ def test_steps_of_unequal_runs_are_a_range(fabric):
     fabric.run(np.full(300, 500.0), 1, algo="td3")
     (row,) = Frames(fabric.results).configurations.to_dict("records")
     assert (row["steps_min"], row["steps"]) == (30_000, 300_000)
-
-
-def test_highest_return_is_that_of_the_task():
-    assert highest_return("move_to_pose") == highest_return("dmc:cheetah-run") == 1000
-    assert highest_return("gym:Pendulum-v1") == np.inf

@@ -62,7 +62,7 @@ def kept_runs(runs: Sequence[RunSettings], results: "Results") -> str:
 
 def kept_of_cells(cells: Sequence["Cell"], results: "Results") -> str:
     """Returns what is said of cells, whose datasets and encoders are made before their runs."""
-    from jbench.sweeps.cell import all_runs, is_finished, missing_encoders
+    from jbench.sweeps.cell import all_runs, missing_encoders
     from jbench.training.status import run_statuses
 
     runs = all_runs(cells)
@@ -70,7 +70,7 @@ def kept_of_cells(cells: Sequence["Cell"], results: "Results") -> str:
         return kept_runs(runs, results)
 
     for dataset, encoders in missing_encoders(cells, results):
-        if not is_finished(results, "dataset", dataset.id):
+        if not results.is_finished("dataset", dataset.id):
             return f"No run has begun: the dataset is made first. {kept_steps(dataset, results)}"
         return f"No run has begun: encoders are made first. {kept_encoders(encoders, results)}"
 

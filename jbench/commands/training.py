@@ -15,7 +15,7 @@ from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.store.evaluations import added_returns
 from jbench.store.run_line import line_with_returns
-from jbench.sweeps.cell import Cell, all_runs, is_finished, missing_encoders
+from jbench.sweeps.cell import Cell, all_runs, missing_encoders
 from jbench.sweeps.scheduler import Executor, sweep
 from jbench.training.events import Event, Note, Warned
 from jbench.training.status import failures_among, run_statuses
@@ -155,7 +155,7 @@ def show_outcome(runs: Sequence[RunSettings], results: Results, failures: dict[s
 def show_missing(cells: Sequence[Cell], results: Results) -> list[str]:
     """Prints the datasets and encoders that are made first; returns their ids."""
     missing = missing_encoders(cells, results)
-    datasets = [data for data, _ in missing if not is_finished(results, "dataset", data.id)]
+    datasets = [data for data, _ in missing if not results.is_finished("dataset", data.id)]
     encoders = [encoder for _, unfinished in missing for encoder in unfinished]
     for dataset in datasets:
         output.say(f"Collected first: the dataset {dataset.id} of {dataset.steps:,} control steps.")

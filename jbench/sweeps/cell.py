@@ -27,7 +27,6 @@ from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.store.follow import POLL_SECONDS
 from jbench.store.locks import HeldError
-from jbench.store.manifest import RecordKind
 from jbench.studies.arms import Arm, arms
 from jbench.studies.file import named
 from jbench.studies.matrix import Matrix, Parts
@@ -160,15 +159,9 @@ def missing_encoders(
     datasets = {cell.dataset.id: cell.dataset for cell in cells if cell.dataset is not None}
     missing: dict[str, list[EncoderSettings]] = {id: [] for id in datasets}
     for encoder in {encoder.id: encoder for cell in cells for encoder in cell.encoders}.values():
-        if not is_finished(results, "encoder", encoder.id):
+        if not results.is_finished("encoder", encoder.id):
             missing[encoder.dataset].append(encoder)
     return [(datasets[id], encoders) for id, encoders in missing.items() if encoders]
-
-
-def is_finished(results: Results, kind: RecordKind, id: str) -> bool:
-    """Returns whether a record is finished; False if it is damaged, which its writer reports."""
-    record = results.find_readable(kind, id)
-    return record is not None and record.status == "finished"
 
 
 def prepare(cells: Sequence[Cell], results: Results, device: str, report: Report) -> dict[str, str]:
@@ -188,7 +181,7 @@ def prepare(cells: Sequence[Cell], results: Results, device: str, report: Report
     for dataset, encoders in missing_encoders(cells, results):
         wanted = sorted((encoder for encoder in encoders if encoder.id in needed), key=data)
         try:
-            if wanted and not is_finished(results, "dataset", dataset.id):
+            if wanted and not results.is_finished("dataset", dataset.id):
                 begun = Progress("collect", 0, dataset.steps, "control steps")
                 _make(partial(collect, dataset, results, cores()), begun, report)
         except (RequestError, WorkError) as error:

@@ -23,7 +23,7 @@ from jbench.studies.study import (
     planned,
     with_baselines,
 )
-from jbench.sweeps.cell import Cell, is_finished, with_runs
+from jbench.sweeps.cell import Cell, with_runs
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ def outcomes(
 
     @cache
     def finished(run: str) -> bool:
-        return is_finished(results, "run", run)
+        return results.is_finished("run", run)
 
     @cache
     def finished_return(run: str, claim: Claim) -> float | None:

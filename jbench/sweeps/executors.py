@@ -24,7 +24,6 @@ from jbench.settings.engines import ENGINES
 from jbench.settings.run import RunSettings
 from jbench.store import Results, locks, schema
 from jbench.store.follow import POLL_SECONDS
-from jbench.sweeps.cell import is_finished
 from jbench.training.events import (
     EpisodeEnded,
     Failed,
@@ -208,7 +207,7 @@ class Ray:
     def _arrives(self, run: str) -> bool:
         """Waits 90 s at most for a run, as a network file system may show it late."""
         for _ in range(round(90 / POLL_SECONDS)):
-            if is_finished(self._results, "run", run) or self._stopped.wait(POLL_SECONDS):
+            if self._results.is_finished("run", run) or self._stopped.wait(POLL_SECONDS):
                 return True
         return False
 

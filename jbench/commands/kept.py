@@ -62,7 +62,8 @@ def kept_runs(runs: Sequence[RunSettings], results: "Results") -> str:
 
 def kept_of_cells(cells: Sequence["Cell"], results: "Results") -> str:
     """Returns what is said of cells, whose datasets and encoders are made before their runs."""
-    from jbench.sweeps.cell import all_runs, missing_encoders
+    from jbench.sweeps.cell import all_runs
+    from jbench.sweeps.preparation import missing_encoders
     from jbench.training.status import run_statuses
 
     runs = all_runs(cells)

@@ -15,7 +15,8 @@ from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.store.evaluations import added_returns
 from jbench.store.run_line import line_with_returns
-from jbench.sweeps.cell import Cell, all_runs, missing_encoders
+from jbench.sweeps.cell import Cell, all_runs
+from jbench.sweeps.preparation import missing_encoders
 from jbench.sweeps.scheduler import Executor, sweep
 from jbench.training.events import Event, Note, Warned
 from jbench.training.status import failures_among, run_statuses

@@ -1,38 +1,28 @@
-"""Cells: the runs of one task, algorithm and representation, those of a matrix, their encoders.
+"""Cells: the runs of one task, algorithm and representation; those of a matrix.
 
 A run's id depends only on the file of the matrix: `dae12` is the encoder with the file's dataset
 and options, even if the results contain newer ones, so the same matrix always gives the same runs.
 """
 
-import time
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
-from itertools import count, groupby
 
-from jbench.cores import cores
-from jbench.datasets import collect, find_dataset, plan_dataset
-from jbench.devices import find_device
+from jbench.datasets import plan_dataset
 from jbench.encoders.find import kept_settings
 from jbench.encoders.registry import kind_names, make_kind
 from jbench.encoders.representations import named_encoder
 from jbench.encoders.settings import EncoderSettings, encoder_settings
-from jbench.encoders.states import Scale, States
-from jbench.encoders.training import plan_encoder, train_encoder
-from jbench.errors import RequestError, WorkError
+from jbench.encoders.training import plan_encoder
 from jbench.names import FULL, OFE, Base, known
 from jbench.settings.base import validated
 from jbench.settings.records import DatasetSettings
 from jbench.settings.run import RunSettings
 from jbench.store import Results
-from jbench.store.follow import POLL_SECONDS
-from jbench.store.locks import HeldError
 from jbench.studies.arms import Arm, arms
 from jbench.studies.file import named
 from jbench.studies.matrix import Matrix, Parts
 from jbench.tasks.find import dataset_robot, find_task
 from jbench.training.code import plan_runs
-from jbench.training.events import Note, Progress, Report, Warned
 from jbench.training.request import make_runs, read_representation
 from jbench.training.status import with_kept_evaluations
 
@@ -126,8 +116,17 @@ def _cell(arm: Arm, results: Results, accept_changed: bool) -> Cell:
     if "evaluate_every" in free:
         runs = with_kept_evaluations(runs, results, *free)
 
-    made = tuple(encoders.values())
-    return Cell(task, arm.algo, name, runs, arm.settings, made, dataset, arm, tuple(notes))
+    return Cell(
+        task=task,
+        algo=arm.algo,
+        representation=name,
+        runs=runs,
+        settings=arm.settings,
+        encoders=tuple(encoders.values()),
+        dataset=dataset,
+        arm=arm,
+        notes=tuple(notes),
+    )
 
 
 def _encoder(
@@ -150,70 +149,3 @@ def _encoder(
     )
     encoder: EncoderSettings = plan_encoder(present, results).settings
     return encoder
-
-
-def missing_encoders(
-    cells: Iterable[Cell], results: Results
-) -> list[tuple[DatasetSettings, list[EncoderSettings]]]:
-    """Returns each dataset with those of its encoders that are not finished, if there are any."""
-    datasets = {cell.dataset.id: cell.dataset for cell in cells if cell.dataset is not None}
-    missing: dict[str, list[EncoderSettings]] = {id: [] for id in datasets}
-    for encoder in {encoder.id: encoder for cell in cells for encoder in cell.encoders}.values():
-        if not results.is_finished("encoder", encoder.id):
-            missing[encoder.dataset].append(encoder)
-    return [(datasets[id], encoders) for id, encoders in missing.items() if encoders]
-
-
-def prepare(cells: Sequence[Cell], results: Results, device: str, report: Report) -> dict[str, str]:
-    """Makes the missing encoders of runs, and first the datasets on which they are trained.
-
-    If another process is making one of them, this waits for it. Returns a sentence for each run
-    whose encoder can't be made, by run id.
-    """
-
-    def data(encoder: EncoderSettings) -> tuple[str, int, Scale]:
-        return encoder.task, encoder.seed, make_kind(encoder.kind, encoder.options).scale
-
-    train_on = find_device(device)
-    failures: dict[str, str] = {}  # by encoder
-    runs = all_runs(cells)
-    needed = {run.encoder for run in runs}
-    for dataset, encoders in missing_encoders(cells, results):
-        wanted = sorted((encoder for encoder in encoders if encoder.id in needed), key=data)
-        try:
-            if wanted and not results.is_finished("dataset", dataset.id):
-                begun = Progress("collect", 0, dataset.steps, "control steps")
-                _make(partial(collect, dataset, results, cores()), begun, report)
-        except (RequestError, WorkError) as error:
-            reason = f"its dataset can't be collected: {error}"
-            failures.update({encoder.id: reason for encoder in wanted})
-            continue
-
-        for (task, seed, scale), sharing in groupby(wanted, data):
-            states = States(find_dataset(results, dataset.id), task, seed, scale=scale)  # read once
-            for encoder in sharing:
-                work = f"{encoder.representation} {task}"
-                begun = Progress(work, 0, encoder.options.get("epochs", 1), "epochs")
-                train = partial(train_encoder, encoder, states, results, device=train_on)
-                try:
-                    _make(train, begun, report)
-                except (RequestError, WorkError) as error:
-                    failures[encoder.id] = f"its encoder can't be trained: {error}"
-
-    for encoder_id, reason in failures.items():
-        report(Warned(f"the runs on {encoder_id} are left out: {reason}"))
-
-    return {run.id: failures[run.encoder] for run in runs if run.encoder in failures}
-
-
-def _make(make: Callable[..., object], begun: Progress, report: Report) -> None:
-    """Makes a record and reports its progress; waits while another process is making it."""
-    report(begun)
-    for look in count():
-        try:
-            make(lambda done: report(replace(begun, done=done)))
-            return
-        except HeldError as error:
-            if look == 0:
-                report(Note(f"{error.reason}; waiting for it."))
-            time.sleep(POLL_SECONDS)

@@ -23,9 +23,10 @@ from jbench.settings.run import RunSettings
 from jbench.store import Results, locks
 from jbench.store.files import make_directory
 from jbench.store.follow import POLL_SECONDS
-from jbench.sweeps.cell import Cell, all_runs, prepare, with_runs
+from jbench.sweeps.cell import Cell, all_runs, with_runs
 from jbench.sweeps.cell_status import cell_statuses, forecast, memory_sentence
 from jbench.sweeps.executors import Local, Ray
+from jbench.sweeps.preparation import prepare
 from jbench.tasks.find import checked_task
 from jbench.training.events import (
     Event,

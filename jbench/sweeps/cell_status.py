@@ -1,12 +1,13 @@
-"""Status of the cells of a matrix, and the estimated time left."""
+"""Status of the cells of a matrix, and the time and memory that what is left of them takes."""
 
 import contextlib
 import math
 import re
 import statistics
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, get_args
+from typing import NamedTuple
 
 import torch
 
@@ -15,16 +16,32 @@ from jbench.cores import cores, one_thread
 from jbench.errors import RequestError, WorkError
 from jbench.settings.recorded import COST, SEED, alike, read_run
 from jbench.settings.run import RunSettings
-from jbench.store import Results
+from jbench.store import Record, Results
 from jbench.store.provenance import processor
 from jbench.sweeps.cell import Cell
 from jbench.tasks.find import checked_task, find_task
 from jbench.training import engines
-from jbench.training.status import RunState, run_status
+from jbench.training.status import run_status
 from jbench.wording import counted, duration
 
 _MIN_REPORTED = 2_000_000_000  # bytes
 _USABLE = 0.8  # of the free memory; networks and minibatches take the rest
+
+
+@dataclass(frozen=True)
+class _Estimate:
+    """How long a control step of a run takes on this machine.
+
+    Attributes:
+        seconds: of a core, or of the GPU; None if it is unknown.
+        source: "measured runs", "a quick measurement" or "unknown".
+    """
+
+    seconds: float | None
+    source: str
+
+
+_UNKNOWN = _Estimate(None, "unknown")
 
 
 class CellStatus(NamedTuple):
@@ -63,18 +80,23 @@ def cell_statuses(
         left = sum(status.steps_left for status in statuses)
         runs = len(cell.runs) - states.count("finished")
 
-        exactly, about = (alike(cell.runs[0], free) for free in (SEED, COST))
-        if left and quick and not {exactly, about} & estimates.keys():
+        exactly = alike(cell.runs[0], SEED)
+        about = alike(cell.runs[0], COST)
+        if left and quick and exactly not in estimates and about not in estimates:
             estimates[about] = _quick_measurement(cell.runs, device)
 
-        seconds, source = estimates.get(exactly) or estimates.get(about) or (None, "unknown")
+        estimate = estimates.get(exactly) or estimates.get(about) or _UNKNOWN
+        seconds = estimate.seconds
         all_statuses.append(
             CellStatus(
                 cell,
-                **{state: states.count(state) for state in get_args(RunState)},
+                finished=states.count("finished"),
+                unfinished=states.count("unfinished"),
+                failed=states.count("failed"),
+                missing=states.count("missing"),
                 steps_left=left,
                 seconds_left=None if seconds is None else left * seconds / _busy(runs, jobs),
-                estimate=source if left else "",
+                estimate=estimate.source if left else "",
                 evaluating=_evaluating(cell.runs[0], seconds, device) if left and seconds else 0.0,
             )
         )
@@ -179,19 +201,14 @@ def _evaluating(run: RunSettings, seconds: float, device: str) -> float:
     return 0.0 if steps <= 1 else min(1.0, steps * engines.stepping(run, device) / seconds)
 
 
-def _measured(results: Results, device: str) -> dict[str, tuple[float | None, str]]:
-    """Returns core seconds per control step of finished runs here, by keys of SEED and COST."""
+def _measured(results: Results, device: str) -> dict[str, _Estimate]:
+    """Returns estimates from finished runs here, by their keys `alike` for SEED and for COST."""
     seconds: dict[str, list[float]] = {}
     for record in results.scan("run")[0]:
-        provenance = record.manifest.provenance
         summary = record.manifest.summary
-        now = "cpu" if record.settings.get("engine") == "sb3" else device.partition(":")[0]
-        made_on = (provenance.get(name) for name in ("processor", "cores"))
-        here = (*made_on, provenance.get("device", "cpu")) == (processor(), cores(), now)
-
         time = summary.get("wall_time")
         steps = summary.get("steps_done")
-        if record.status == "finished" and here and time and steps:
+        if record.status == "finished" and time and steps and _was_made_here(record, device):
             run = read_run(record.settings)
             with contextlib.suppress(TypeError):  # manifests of others may hold anything
                 # The runs of a process share a core, and each records the whole time.
@@ -199,19 +216,33 @@ def _measured(results: Results, device: str) -> dict[str, tuple[float | None, st
                 for free in (SEED, COST):
                     seconds.setdefault(alike(run, free), []).append(per_step)
 
-    return {key: (statistics.median(s), "measured runs") for key, s in seconds.items()}
+    return {
+        key: _Estimate(statistics.median(measured), "measured runs")
+        for key, measured in seconds.items()
+    }
 
 
-def _quick_measurement(runs: Sequence[RunSettings], device: str) -> tuple[float | None, str]:
-    """Returns the seconds per control step of temporary agents; None if they can't be made."""
+def _was_made_here(record: Record, device: str) -> bool:
+    """Returns whether a run was trained on this processor, and the device that runs would have."""
+    made_on = record.manifest.provenance
+    now = "cpu" if record.settings.get("engine") == "sb3" else device.partition(":")[0]
+    return (
+        made_on.get("processor") == processor()
+        and made_on.get("cores") == cores()
+        and made_on.get("device", "cpu") == now
+    )
+
+
+def _quick_measurement(runs: Sequence[RunSettings], device: str) -> _Estimate:
+    """Returns an estimate from temporary agents of the runs; unknown if they can't be made."""
     checked_task(runs[0].task)
     # On a GPU the seeds are trained as one stack.
     together = runs[:1] if device == "cpu" else runs
     try:
         with one_thread():
             seconds = engines.seconds_per_step(together, device) / len(together)
-        return seconds, "a quick measurement"
+        return _Estimate(seconds, "a quick measurement")
     except (RequestError, WorkError, RuntimeError):
-        return None, "unknown"
+        return _UNKNOWN
     finally:
         torch.cuda.empty_cache()  # the runs need the memory; without a GPU it does nothing

@@ -26,7 +26,7 @@ from jbench.names import ENCODER_KINDS, POLICIES, TASKS
 from jbench.settings.algorithms import SETTINGS
 from jbench.settings.base import in_id, settings_hash
 from jbench.settings.records import EXTERNAL, JITTERBUG
-from jbench.store import Record, listed
+from jbench.store import Record, record_files
 from jbench.store.manifest import FileEntry, Manifest
 from jbench.task_specs import SUITE
 
@@ -136,7 +136,7 @@ class Blinder:
                 at = rows.schema.get_field_index(name)
                 changed = changed.set_column(at, rows.schema.field(name), column)
 
-        return content if changed.equals(rows) else listed.to_bytes(changed)
+        return content if changed.equals(rows) else record_files.to_bytes(changed)
 
     def _number(self, what: str, name: object) -> None:
         """Gives a name a number of its kind, or letters, so that the archive does not have it."""

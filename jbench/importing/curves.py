@@ -10,7 +10,7 @@ import pyarrow as pa
 from jbench.names import ReturnsName, in_prose
 from jbench.settings.recorded import variant
 from jbench.store import schema
-from jbench.store.listed import to_table
+from jbench.store.record_files import to_table
 from jbench.wording import are, counted
 
 _LABELS = ["task", "algo", "representation"]

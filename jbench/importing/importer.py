@@ -16,8 +16,8 @@ from jbench.importing.tables import MAX_STEPS, ImportedFile, open_file
 from jbench.names import in_prose
 from jbench.settings.records import ImportSettings, Labels
 from jbench.store import Results, schema
-from jbench.store.listed import to_table
 from jbench.store.manifest import check_settings
+from jbench.store.record_files import to_table
 from jbench.task_specs import return_range
 
 _ROUNDING = 0.01  # of rewards that were summed in single precision

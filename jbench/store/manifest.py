@@ -17,7 +17,7 @@ from jbench.store.provenance import provenance, utc_now
 SCHEMA_VERSION = 5
 """Version of manifests and tables; incremented when either changes its meaning.
 
-A record keeps the version with which it was created; `listed.py` upgrades rows of older ones.
+A record keeps the version with which it was created; `record_files.py` upgrades rows of older ones.
 """
 
 OLDEST_SCHEMA_VERSION = 1

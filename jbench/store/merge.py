@@ -11,7 +11,7 @@ import pyarrow as pa
 
 from jbench.errors import RequestError, WorkError
 from jbench.names import POLICY_FILES, in_prose
-from jbench.store import listed, schema
+from jbench.store import record_files, schema
 from jbench.store.database import Results
 from jbench.store.manifest import KINDS, MANIFEST, RecordKind
 from jbench.store.quarantine import Quarantine
@@ -208,7 +208,7 @@ def _difference(mine: Record, other: Record, table: str) -> str | None:
                 continue
             # Equal values have equal bytes, also NaN, which equals nothing.
             left, right = (
-                listed.to_bytes(pa.table({name: rows[name].combine_chunks()}))
+                record_files.to_bytes(pa.table({name: rows[name].combine_chunks()}))
                 for rows in (ours, theirs)
             )
             if left != right:

@@ -14,7 +14,7 @@ import pyarrow as pa
 
 from jbench.errors import WorkError
 from jbench.names import Status
-from jbench.store import files, listed, locks, schema
+from jbench.store import files, locks, record_files, schema
 from jbench.store.manifest import ID, MANIFEST, FileEntry, Json, Manifest, RecordKind
 from jbench.store.provenance import differences, provenance, utc_now, with_more, with_note
 from jbench.wording import with_results
@@ -90,7 +90,7 @@ class Folder:
     def copy_from(self, source: "Record") -> "Record":
         """Copies an intact record of other results; call it while holding the lock."""
         for entry in source.manifest.files:
-            files.write_atomic(self.path / entry.name, listed.read(source.path, entry))
+            files.write_atomic(self.path / entry.name, record_files.read(source.path, entry))
         return self.begin(source.manifest)
 
 
@@ -181,13 +181,13 @@ class Record:
 
     def read_part(self, entry: FileEntry, columns: pa.Schema | None = None) -> pa.Table:
         """Returns the rows of one file, by default with the columns that it has; see `read`."""
-        return listed.read_rows(self.path, entry, self.advice, columns, self.manifest.is_old)
+        return record_files.read_rows(self.path, entry, self.advice, columns, self.manifest.is_old)
 
     def read_file(self, name: str) -> bytes:
-        """Returns the content of a committed file by its name or role; see `listed.read`."""
+        """Returns the content of a committed file by its name or role; see `record_files.read`."""
         for entry in self.manifest.files:
             if name in (entry.name, entry.role):
-                return listed.read(self.path, entry, self.advice)
+                return record_files.read(self.path, entry, self.advice)
         raise WorkError(f"The {self.kind} {self.id} has no file {name}.")
 
     @property
@@ -213,7 +213,7 @@ class Record:
         states = checkpoints or {}
         added = [self._write_rows(name, rows) for name, rows in tables.items() if rows.num_rows]
         # The previous ones stay intact until the commit.
-        added += listed.write_checkpoints(self.path, states)
+        added += record_files.write_checkpoints(self.path, states)
 
         before = self.manifest.files
         dropped = {*states, *drop}
@@ -253,8 +253,8 @@ class Record:
         if compact:
             parts = [self._join(table) for table in dict.fromkeys(e.table or "" for e in parts)]
 
-        added = [listed.write(self.path, *item) for item in (new_files or {}).items()]
-        added += listed.write_checkpoints(self.path, checkpoints or {})
+        added = [record_files.write(self.path, *item) for item in (new_files or {}).items()]
+        added += record_files.write_checkpoints(self.path, checkpoints or {})
         entries = (*kept, *parts, *added)
         self._update(status="finished", summary=dict(summary), files=entries)
         self.clean()
@@ -287,8 +287,8 @@ class Record:
         """Writes rows of a table to a new file, which is the record's from the next commit on."""
         # The number shows the order of the table's files.
         name = f"{table}-{len(self.parts(table)):05d}-*.parquet"
-        content = listed.to_bytes(rows)
-        return listed.write(self.path, name, content, table=table, rows=rows.num_rows)
+        content = record_files.to_bytes(rows)
+        return record_files.write(self.path, name, content, table=table, rows=rows.num_rows)
 
     def _update(self, **changes: Any) -> None:
         """Commits changes of the manifest."""

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from jbench.names import REFERENCE
 from jbench.settings.base import settings_hash
-from jbench.store import listed, locks, schema
+from jbench.store import locks, record_files, schema
 from jbench.store.database import Results
 from jbench.store.files import DamagedError, RecordError, Sort
 from jbench.store.manifest import KINDS, MANIFEST, RecordKind
@@ -129,7 +129,7 @@ def _check(folder: Folder) -> tuple[Record | None, list[Flaw]]:
         for entry in record.manifest.files:
             columns = None if record.manifest.is_old else schema.FILES.get(entry.table or "")
             try:
-                listed.check(record.path, entry, () if columns is None else columns.names)
+                record_files.check(record.path, entry, () if columns is None else columns.names)
             except RecordError as error:
                 errors.append(error)
 

@@ -9,7 +9,7 @@ from jbench.report.data.build import build, usable_runs
 from jbench.report.data.configuration import with_returns
 from jbench.report.data.curves import read_published
 from jbench.returns import TRAINING
-from jbench.store import Results, listed, query, schema
+from jbench.store import Results, query, record_files, schema
 from tests.report import browser
 from tests.store.store_rows import alter_manifest
 
@@ -32,7 +32,7 @@ def episodes(run, returns, ends=None):
     columns = {"run": run, "episode": index, "control_steps": ends, "length": lengths}
     columns["episode_return"] = np.asarray(returns, float)
     columns["wall_time"] = index * 1.0
-    return listed.to_table(pd.DataFrame(columns), schema.EPISODES)
+    return record_files.to_table(pd.DataFrame(columns), schema.EPISODES)
 
 
 def evaluations(run, means):
@@ -40,7 +40,7 @@ def evaluations(run, means):
     steps, index = np.repeat([*means], 2), np.arange(2 * len(means))
     columns = {"run": run, "evaluation": index // 2, "episode": index % 2, "control_steps": steps}
     columns["episode_return"] = np.repeat([*means.values()], 2) + np.where(index % 2, 5.0, -5.0)
-    return listed.to_table(pd.DataFrame({**columns, "length": 1000}), schema.EVALUATIONS)
+    return record_files.to_table(pd.DataFrame({**columns, "length": 1000}), schema.EVALUATIONS)
 
 
 class FabricatedResults:
@@ -70,7 +70,7 @@ class FabricatedResults:
         if metrics:
             values = pd.DataFrame(metrics, index=[1000, 2000]).rename_axis("control_steps")
             values = values.melt(var_name="name", ignore_index=False).reset_index().assign(run=id)
-            tables["metrics"] = listed.to_table(values, schema.METRICS)
+            tables["metrics"] = record_files.to_table(values, schema.METRICS)
         record.append(tables)
         if diverged is not None:
             record.fail("its critic_loss is not finite")
@@ -98,7 +98,9 @@ class FabricatedResults:
         record = self.results.create("evaluation", id, settings)
         columns = {"evaluation": id, "episode": range(len(returns)), "episode_return": returns}
         rows = pd.DataFrame({**columns, "length": 1000})
-        record.append({"policy_episodes": listed.to_table(rows, schema.TABLES["policy_episodes"])})
+        record.append(
+            {"policy_episodes": record_files.to_table(rows, schema.TABLES["policy_episodes"])}
+        )
         record.finish({"median": float(np.median(returns))})
 
     def flat(self, finals, episodes=40, **settings):

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from jbench.report.policies import behavior
-from jbench.store import Results, listed, schema
+from jbench.store import Results, record_files, schema
 
 STATES = {
     "motor_velocity": [90.0, 90.0, -90.0, 0.0],
@@ -23,7 +23,7 @@ def add(results, policy, median=100.0, states=STATES, **more):
         columns = {
             name: [0.0] * len(states["x"]) for name in schema.FILES["policy_states"].names
         } | states
-        rows = listed.to_table(pd.DataFrame(columns), schema.FILES["policy_states"])
+        rows = record_files.to_table(pd.DataFrame(columns), schema.FILES["policy_states"])
         record.append({"policy_states": rows})
     record.finish({"median": median})
 

@@ -12,7 +12,7 @@ from jbench.report import page
 from jbench.report.figures import charts
 from jbench.report.frames import Frames
 from jbench.report.request import Request
-from jbench.store import listed, schema
+from jbench.store import record_files, schema
 
 FINALS = {"full": 160.0, "dae4": 60.0}
 
@@ -37,7 +37,9 @@ def add_random(fabric, task, returns, **specs):
     )
     columns = {"evaluation": "random/e1", "episode": range(len(returns)), "length": 1000}
     rows = pd.DataFrame({**columns, "episode_return": returns})
-    record.append({"policy_episodes": listed.to_table(rows, schema.TABLES["policy_episodes"])})
+    record.append(
+        {"policy_episodes": record_files.to_table(rows, schema.TABLES["policy_episodes"])}
+    )
     record.finish({"median": float(np.median(returns))})
 
 

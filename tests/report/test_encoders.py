@@ -9,7 +9,7 @@ from jbench.errors import RequestError
 from jbench.report.encoders import encoder_frame, kept_frame
 from jbench.report.frames import Frames
 from jbench.report.request import Request
-from jbench.store import Results, listed, query, schema
+from jbench.store import Results, query, record_files, schema
 
 EXPLAINED = {"pca": 0.9, "random": 0.5, "heuristic": 0.4, "pca_heuristic": 0.3}
 EXPLAINED["random_heuristic"] = 0.2
@@ -116,7 +116,7 @@ def test_measured_predictions_stand_beside_errors(results):
         record = add(results, "dae", 4, 0.5, seed=seed)
         r2 = {"yaw_rate": yaw_rate, "tilt_rate": 0.5, "forward_speed": -0.2, "reward": None}
         rows = pd.DataFrame({"encoder": record.id, "target": [*r2], "r2": [*r2.values()]})
-        rows = listed.to_table(
+        rows = record_files.to_table(
             rows.assign(effective_rank=3.5), schema.TABLES["encoder_predictions"]
         )
         record.append({"encoder_predictions": rows})

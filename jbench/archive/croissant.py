@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 
 from jbench.errors import RequestError, WorkError
 from jbench.store import Record, Results, files, schema
-from jbench.store.query import load
+from jbench.store.tables import read_tables
 
 METADATA = "metadata.json"
 
@@ -72,7 +72,7 @@ def write_croissant(results: Results, out: Path, dataset: Record | None = None) 
 
 def _tables_of(results: Results) -> dict[str, pa.Table]:
     """Returns the tables of results that have rows; a record that can't be read is a WorkError."""
-    tables, problems = load(results)
+    tables, problems = read_tables(results)
     if problems:
         raise WorkError(problems[0])
     return {name: rows for name, rows in tables.items() if rows.num_rows and name != _PAPERS_TABLE}

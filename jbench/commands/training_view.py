@@ -192,6 +192,6 @@ def published_median(run: RunSettings, control_steps: float) -> float | None:
 def _published_curves() -> "pd.DataFrame":
     """Returns the paper's curves, which are read once."""
     from jbench.report.data.curves import read_published
-    from jbench.store import query
+    from jbench.store.tables import published_rows
 
-    return read_published(query.published())
+    return read_published(published_rows())

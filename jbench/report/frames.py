@@ -31,7 +31,8 @@ from jbench.report.reading import notes_on, read, rename, tested_claims
 from jbench.report.request import Request
 from jbench.report.runs import provenance_frame, run_frame
 from jbench.report.texts import clean, map_texts
-from jbench.store import Results, query
+from jbench.store import Results
+from jbench.store.tables import published_rows
 
 DEFAULT = Request()  # a report of all runs
 
@@ -113,7 +114,7 @@ class Frames:
     @cached_property
     def _papers(self) -> pd.DataFrame:
         """The paper's curves, unless the request leaves them out."""
-        papers = read_published(query.published())
+        papers = read_published(published_rows())
         return papers if self.request.published == "yes" else papers.iloc[:0]
 
     @cached_property

@@ -17,7 +17,8 @@ from jbench.report.request import Request
 from jbench.settings.algorithms import display_name
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
-from jbench.store import Results, query
+from jbench.store import Results
+from jbench.store.tables import published_rows
 
 COLUMNS = [
     "task",
@@ -55,7 +56,7 @@ def ranked_configurations(
             if request.task in (None, task) and len(returns) > len(by_hand.get(task, ())):
                 by_hand[task] = returns
 
-    published = read_published(query.published())
+    published = read_published(published_rows())
     published = published[published["figure"] != SEQUENCE]
     configurations = [config for part in parts for config in part.configurations]
     chosen = with_returns(configurations, request.returns)

@@ -1,96 +1,22 @@
 """SQL over the committed rows with DuckDB."""
 
 import contextlib
-import io
 import re
 import time
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
-from importlib import resources
 from typing import Any, NamedTuple
 
 import duckdb
 import pandas as pd
 import pyarrow as pa
 
-from jbench.cores import cores
-from jbench.errors import RequestError, WorkError
-from jbench.names import FULL, shown_representation
+from jbench.errors import RequestError
+from jbench.names import shown_representation
 from jbench.store import schema
 from jbench.store.database import Results
-from jbench.store.kept import with_kept
-from jbench.store.listing import final_returns
-from jbench.store.record import Record
-from jbench.store.rows import KIND_TABLES, Row, make_row
+from jbench.store.tables import read_tables
 from jbench.wording import not_formula
-
-
-class Tables(NamedTuple):
-    """Tables of a results directory, and an error for each damaged record, which is left out."""
-
-    tables: dict[str, pa.Table]
-    problems: list[str]
-
-
-def load(
-    results: Results,
-    names: Collection[str] = tuple(schema.TABLES),
-    *,
-    coded: bool = False,
-    columns: Mapping[str, Sequence[str]] | None = None,
-) -> Tables:
-    """Reads and checks tables of a results directory; files of other tables are not read.
-
-    `columns` selects some by table. If `coded`, ids are Arrow dictionaries, which need a tenth of
-    the memory.
-    """
-    selected = columns or {}
-    tables: dict[str, pa.Table] = {}
-    problems: list[str] = []
-    if "published" in names:
-        tables["published"] = published()
-
-    for kind, (table, file_tables) in KIND_TABLES.items():
-        schemas = {
-            name: _selected_columns(name, selected.get(name), coded)
-            for name in file_tables
-            if name in names
-        }
-        if not schemas and table not in names:
-            continue
-        records, unreadable = results.scan(kind)
-        # pyarrow and hashlib release the GIL.
-        with ThreadPoolExecutor(cores()) as threads:
-            outcomes = list(threads.map(partial(_read, schemas), records))
-        problems += unreadable + [outcome for outcome in outcomes if isinstance(outcome, str)]
-        read = [outcome for outcome in outcomes if not isinstance(outcome, str)]
-        for name, fields in schemas.items():
-            parts = (tables_read[name] for _, tables_read in read)
-            tables[name] = pa.concat_tables([fields.empty_table(), *parts])
-        if table in names:
-            rows = [row for row, _ in read]
-            tables[table] = pa.Table.from_pylist(rows, schema.TABLES[table])
-
-    if "final_returns" in names:
-        tables["final_returns"], unread = final_returns(results)
-        problems += [problem for problem in unread if problem not in problems]
-
-    return Tables(tables, problems)
-
-
-def published() -> pa.Table:
-    """Returns the paper's learning curves; its full-16 and dae-12 are named `full` and `dae12`.
-
-    The curve of SAC on a sequence of robots has a separate name. The medians of fig8 occur twice,
-    with two pairs of bands (fig8 and fig8-10-90): select one by `figure`.
-    """
-    source = resources.files("jbench.paper").joinpath("published_curves.csv").read_bytes()
-    rows = pd.read_csv(io.BytesIO(source))
-    names = rows["representation"].str.replace(r"^full-\d+", FULL, regex=True)
-    rows["representation"] = names.str.replace("dae-", "dae", regex=False)
-    rows = rows.rename(columns={"training_steps": "control_steps"})
-    return pa.Table.from_pandas(rows, schema.TABLES["published"], preserve_index=False, nthreads=1)
 
 
 class Answer(NamedTuple):
@@ -113,11 +39,11 @@ def query_results(results: Results, sql: str) -> Answer:
     pa.set_memory_pool(pa.system_memory_pool())
     # Only tables whose names occur in the SQL are read. If the SQL builds a name, DuckDB does not
     # find the table, and all tables are read.
-    tables, problems = load(results, named_tables(sql) or set(schema.TABLES), coded=True)
+    tables, problems = read_tables(results, named_tables(sql) or set(schema.TABLES), coded=True)
     try:
         rows = _select(sql, tables)
     except duckdb.CatalogException:
-        tables, problems = load(results, coded=True)
+        tables, problems = read_tables(results, coded=True)
         rows = run_sql(sql, tables)
     except duckdb.Error as error:
         raise _refusal(error, schema.TABLES, sql) from None
@@ -247,29 +173,3 @@ def to_csv(frame: pd.DataFrame) -> str:
 def records(frame: pd.DataFrame) -> list[dict[Any, Any]]:
     """Returns the rows as dictionaries; missing values are None."""
     return frame.astype(object).where(frame.notna(), None).to_dict("records")
-
-
-def _read(fields: Mapping[str, pa.Schema], record: Record) -> tuple[Row, dict[str, pa.Table]] | str:
-    """Returns the row and the tables of a record, or the error of a damaged one."""
-    try:
-        return record.reading(
-            lambda: (make_row(record), {n: _rows(record, n, some) for n, some in fields.items()})
-        )
-    except WorkError as error:
-        return str(error)
-
-
-def _rows(record: Record, name: str, columns: pa.Schema) -> pa.Table:
-    """Returns columns of a record's table, those included that no file has."""
-    if schema.KEPT not in columns.names:
-        return record.read(name, columns)
-    return with_kept(record, record.read(name)).select(columns.names).cast(columns)
-
-
-def _selected_columns(table: str, names: Sequence[str] | None, coded: bool) -> pa.Schema:
-    """Returns columns of a table, by default all; ids are dictionaries if `coded`."""
-    columns = schema.TABLES[table]
-    if coded:
-        key = columns.field(0)
-        columns = columns.set(0, key.with_type(pa.dictionary(pa.int32(), key.type)))
-    return pa.schema([columns.field(name) for name in names or columns.names])

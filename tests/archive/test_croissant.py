@@ -5,7 +5,7 @@ import math
 import pytest
 
 from jbench.store import Results
-from jbench.store.query import load
+from jbench.store.tables import read_tables
 
 croissant = pytest.importorskip("mlcroissant")
 
@@ -31,7 +31,7 @@ def test_rows_are_those_of_query(demo_results, tmp_path, document):
         "export", "--format", "croissant", "--out", tmp_path / "out", results=demo_results.path
     )
     assert told["path"] == str(tmp_path / "out" / "metadata.json")
-    tables = load(demo_results).tables
+    tables = read_tables(demo_results).tables
     for table in ("runs", "evaluations", "encoders"):
         expected = [
             {name: plain(value) for name, value in row.items()} for row in tables[table].to_pylist()

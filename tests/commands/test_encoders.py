@@ -15,7 +15,7 @@ from jbench.commands import encoders
 from jbench.encoders.saved import DESCRIPTION, WEIGHTS
 from jbench.encoders.training import CHECKPOINT
 from jbench.store import Results
-from jbench.store.query import load
+from jbench.store.tables import read_tables
 from tests.command_line import SHORT, jbench, kill_when, start, succeed, train
 from tests.commands.distributions import install
 
@@ -50,7 +50,7 @@ def results(collected, tmp_path):
 
 
 def test_each_kind_and_size_has_record_with_errors(filled):
-    tables, problems = load(Results(filled))
+    tables, problems = read_tables(Results(filled))
     assert problems == []
     rows = tables["encoders"].to_pandas().set_index("encoder")
     assert set(rows["status"]) == {"finished"}
@@ -98,7 +98,7 @@ def test_repeated_training_is_skipped_and_people_read_three_lines(filled, run_co
     what, explained, following = out.splitlines()
     assert what.startswith("The encoder face_direction/pca2/s00-")
     assert what.endswith(" is already finished; nothing to do.")
-    row = load(Results(filled)).tables["encoder_errors"].to_pandas().set_index("encoder")
+    row = read_tables(Results(filled)).tables["encoder_errors"].to_pandas().set_index("encoder")
     share = row.loc[what.split()[2], "test_explained"]
     assert f"it explains {share:.3f} of the variance (PCA with 2 latents: {share:.3f})" in explained
     assert re.search(r"R² yaw rate -?0\.\d{3}, tilt rate", explained)
@@ -178,7 +178,7 @@ def test_killed_training_resumes_bit_for_bit(short, tmp_path, refused):
     kill_when(
         lambda: any(CHECKPOINT in path.read_text() for path in manifests("manifest.json")), process
     )
-    (row,) = load(Results(results)).tables["encoders"].to_pylist()
+    (row,) = read_tables(Results(results)).tables["encoders"].to_pylist()
     assert row["status"] == "unfinished"
     assert "is unfinished" in refused("train", "--encoder", row["encoder"], results=results)
     output = succeed(*arguments, results=results, short=True).stdout

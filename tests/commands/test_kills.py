@@ -9,7 +9,7 @@ from functools import partial
 import pytest
 
 from jbench.store import Results, locks
-from jbench.store.query import load
+from jbench.store.tables import read_tables
 from tests import command_line
 from tests.command_line import SHORT, kill_when, train, wait_until
 
@@ -23,13 +23,13 @@ def test_killed_collection_is_readable_and_resumes(tmp_path):
     # The dataset has one file, written seconds after the manifest.
     steps = ("collect", "--steps", "2000")
     kill_when(lambda: any(tmp_path.rglob("manifest.json")), start(*steps, results=tmp_path))
-    (row,) = load(Results(tmp_path)).tables["datasets"].to_pylist()
+    (row,) = read_tables(Results(tmp_path)).tables["datasets"].to_pylist()
     assert (row["status"], row["steps_done"]) == ("unfinished", 0)
     refused = jbench("train-dae", results=tmp_path)
     assert refused.returncode == 2
     assert "No finished dataset" in refused.stderr
     succeed(*steps, results=tmp_path)
-    (row,) = load(Results(tmp_path)).tables["datasets"].to_pylist()
+    (row,) = read_tables(Results(tmp_path)).tables["datasets"].to_pylist()
     assert (row["status"], row["steps_done"]) == ("finished", 2000)
     # Unlisted files that the kill left are removed: the manifest lists every file.
     listed = {

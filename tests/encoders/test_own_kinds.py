@@ -13,7 +13,7 @@ from jbench.encoders.states import States
 from jbench.encoders.training import train_encoder
 from jbench.errors import RequestError, WorkError
 from jbench.store import Results
-from jbench.store.query import load
+from jbench.store.tables import read_tables
 from tests.documentation import code_of
 from tests.encoders.encoder_data import observations_of
 
@@ -78,7 +78,7 @@ def test_numbers_made_by_hand_need_only_encode(mine, trained, results):
     assert features["test_mse"][7:].max() < 1e-9
     assert features["test_mse"][:7].max() > 1e-4
     fraction = features["test_mse"].sum() / features["test_variance"].sum()
-    (row,) = load(Results(results.path), ["encoders"]).tables["encoders"].to_pylist()
+    (row,) = read_tables(Results(results.path), ["encoders"]).tables["encoders"].to_pylist()
     assert row["test_explained"] == pytest.approx(1 - fraction)
     assert row["test_explained"] > 0.3
 

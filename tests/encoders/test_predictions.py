@@ -18,7 +18,7 @@ from jbench.encoders.predictions import TARGETS, effective_rank, predictions
 from jbench.encoders.registry import make_kind
 from jbench.settings.records import DatasetSettings
 from jbench.store import Results
-from jbench.store.query import load
+from jbench.store.tables import read_tables
 from tests.encoders.encoder_data import observations_of, read_states, rows, train
 
 CPU = torch.device("cpu")
@@ -100,7 +100,7 @@ def test_encoder_without_predictions_is_read_and_shown(trained, results, capsys)
     for name in ("encoder_features", "encoder_errors"):
         old.append({name: trained.record.read(name)})
     old.finish({"test_mse": 0.1})
-    tables, problems = load(results)
+    tables, problems = read_tables(results)
     assert problems == []
     assert tables["encoder_predictions"].num_rows == 0
     assert tables["encoders"].to_pylist()[0]["effective_rank"] is None

@@ -10,7 +10,8 @@ from jbench.cli import main
 from jbench.policies.evaluate import evaluate
 from jbench.settings.records import EvaluationSettings
 from jbench.store import Results
-from jbench.store.query import load, run_sql
+from jbench.store.query import run_sql
+from jbench.store.tables import read_tables
 from jbench.tasks.gym import RobotEnv
 from jbench.tasks.jitterbug.heuristics import LAWS
 from tests.short_episodes import short_episodes
@@ -77,7 +78,7 @@ def test_command_records_evaluation_in_database(tmp_path, capsys):
     (row,) = run_sql(
         "SELECT policy, episodes, median, "
         "(SELECT avg(episode_return) FROM policy_episodes) AS mean FROM policy_evaluations",
-        load(Results(tmp_path)).tables,
+        read_tables(Results(tmp_path)).tables,
     ).to_dict("records")
     assert (row["policy"], row["episodes"]) == ("random", 2)
     assert row["median"] == pytest.approx(row["mean"])  # of two

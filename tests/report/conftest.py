@@ -9,7 +9,8 @@ from jbench.report.data.build import build, usable_runs
 from jbench.report.data.configuration import with_returns
 from jbench.report.data.curves import read_published
 from jbench.returns import TRAINING
-from jbench.store import Results, query, record_files, schema
+from jbench.store import Results, record_files, schema
+from jbench.store.tables import published_rows, read_tables
 from tests.report import browser
 from tests.store.store_rows import alter_manifest
 
@@ -110,7 +111,7 @@ class FabricatedResults:
 
     def configurations(self, kind=TRAINING):
         """Returns the configurations of all runs, and notes on runs that belong to none."""
-        tables = query.load(self.results).tables
+        tables = read_tables(self.results).tables
         runs = usable_runs(tables["runs"])[0]
         cells, notes = build(runs, tables["episodes"], tables["evaluations"])
         return with_returns(cells, kind), notes
@@ -145,7 +146,7 @@ def out(tmp_path):
 
 @pytest.fixture(scope="session")
 def published():
-    return read_published(query.published())
+    return read_published(published_rows())
 
 
 @pytest.fixture(scope="session")

@@ -9,8 +9,8 @@ from jbench.report.page import render
 from jbench.report.reading import notes_on
 from jbench.report.report import table_files
 from jbench.settings.algorithms import algorithm_settings
-from jbench.store import query
 from jbench.store.listing import list_runs
+from jbench.store.tables import read_tables
 
 
 def test_cell_groups_seeds_of_one_setting(fabric):
@@ -165,7 +165,7 @@ def test_non_finite_returns_are_noted(fabric):
 def test_run_without_task_is_reported_as_problem(fabric):
     fabric.run([1], task=None)
     fabric.run([1])
-    runs, problems = usable_runs(query.load(fabric.results).tables["runs"])
+    runs, problems = usable_runs(read_tables(fabric.results).tables["runs"])
     assert runs["run"].tolist() == ["face_direction/r0002"]
     assert len(problems) == 1
     assert "face_direction/r0001" in problems[0]

@@ -9,7 +9,8 @@ from jbench.errors import RequestError
 from jbench.report.encoders import encoder_frame, kept_frame
 from jbench.report.frames import Frames
 from jbench.report.request import Request
-from jbench.store import Results, query, record_files, schema
+from jbench.store import Results, record_files, schema
+from jbench.store.tables import read_tables
 
 EXPLAINED = {"pca": 0.9, "random": 0.5, "heuristic": 0.4, "pca_heuristic": 0.3}
 EXPLAINED["random_heuristic"] = 0.2
@@ -28,7 +29,7 @@ def add(results, kind, latents, explained, *, task="face_direction", seed=0, **o
 
 
 def table_of(results, task=None):
-    tables = query.load(results).tables.items()
+    tables = read_tables(results).tables.items()
     return encoder_frame({name: table.to_pandas() for name, table in tables}, task)
 
 

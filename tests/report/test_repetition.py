@@ -8,7 +8,7 @@ from jbench.report import page
 from jbench.report.encoders import descriptions
 from jbench.report.frames import Frames
 from jbench.report.repetition import drops, repetition
-from jbench.store import query
+from jbench.store.tables import read_tables
 from jbench.studies.rebuilt_matrix import matrix
 from tests.store.store_rows import alter_manifest
 from tests.training.small_runs import small_run
@@ -75,7 +75,7 @@ def test_representations_of_users_are_described_by_their_docstring(fabric, named
     for name in ("full", "six-rows6"):
         fabric.run(RETURNS, representation=name)
     found = Frames(fabric.results)
-    tables = query.load(fabric.results, ["encoders"]).tables
+    tables = read_tables(fabric.results, ["encoders"]).tables
     frames = {name: table.to_pandas() for name, table in tables.items()}
     assert descriptions(frames) == ({} if named is None else {"six-rows": named})
     assert ("<b>six-rows</b>: A lab&#39;s six numbers" in page_text(found)) == (named is not None)

@@ -13,13 +13,13 @@ from jbench.report.configurations import configuration_frame
 from jbench.report.data.curves import read_published
 from jbench.report.encoders import return_frame
 from jbench.returns import EVALUATION, TRAINING
-from jbench.store import query
+from jbench.store.tables import published_rows
 
 
 def summarized(fabric, window=4, kind=TRAINING):
     cells = fabric.configurations(kind)[0]
     curves = [(cell, cell.curve(window=window)) for cell in cells]
-    return configuration_frame(curves, read_published(query.published())).to_dict("records")
+    return configuration_frame(curves, read_published(published_rows())).to_dict("records")
 
 
 def test_location_and_spread_match_hand_computed_values(fabric):

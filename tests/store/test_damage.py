@@ -6,7 +6,8 @@ import shutil
 import pytest
 
 from jbench.errors import WorkError
-from jbench.store import Results, query
+from jbench.store import Results
+from jbench.store.tables import read_tables
 from jbench.store.verify import verify
 from tests.store.store_rows import add_run, alter_manifest, listed, manifest_of, numbers, read
 
@@ -121,7 +122,7 @@ def test_record_behind_link_out_of_results_is_not_read(tmp_path, results, linked
     os.symlink(others.path / "runs" / linked, results.path / "runs" / linked)
     with pytest.raises(WorkError, match="out/in/r leads out of the results directory"):
         results.find("run", "out/in/r")
-    tables = query.load(results).tables
+    tables = read_tables(results).tables
     assert tables["runs"]["run"].to_pylist() == ["mine"]
     assert tables["episodes"]["episode_return"].to_pylist() == [1.0]
 

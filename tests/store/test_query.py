@@ -9,6 +9,7 @@ import jbench
 from jbench.settings.recorded import variant
 from jbench.store import query, schema
 from jbench.store.shipped import results_to_read
+from jbench.store.tables import read_tables
 from tests.store.store_rows import RUN_SETTINGS, add_run, alter_manifest, listed
 from tests.store.test_damage import truncate
 
@@ -17,7 +18,7 @@ DAE = {"representation": "dae12", "encoder": ENCODER}
 
 
 def fetch(results, sql):
-    return [tuple(row) for row in query.run_sql(sql, query.load(results).tables).to_numpy()]
+    return [tuple(row) for row in query.run_sql(sql, read_tables(results).tables).to_numpy()]
 
 
 @pytest.fixture
@@ -30,7 +31,7 @@ def filled(results):
 
 
 def test_empty_results_have_every_table_and_column(results):
-    loaded = query.load(results)
+    loaded = read_tables(results)
     assert {name: table.schema for name, table in loaded.tables.items()} == schema.TABLES
     assert {name for name, table in loaded.tables.items() if table.num_rows} == {"published"}
     assert loaded.problems == []
@@ -45,7 +46,7 @@ def test_run_row_holds_settings_and_status(filled):
     found = query.run_sql(
         "select run, algo, representation, encoder, seed, steps, status, episodes, wall_time "
         "from runs order by run",
-        query.load(filled).tables,
+        read_tables(filled).tables,
     )
     found = found.astype(object).where(found.notna(), None)
     assert [tuple(row) for row in found.to_numpy()] == expected
@@ -97,7 +98,7 @@ def settings_with(**changes):
 def test_damaged_run_is_skipped_in_all_tables_and_reported(filled, damage):
     damaged = filled.find("run", "full/s0")
     damage(damaged)
-    (problem,) = query.load(filled).problems
+    (problem,) = read_tables(filled).problems
     assert problem.startswith(f"{damaged.path}/")
     for table in ("runs", "episodes"):
         sql = f"select distinct run from {table} order by run"

@@ -5,6 +5,7 @@ import pytest
 
 from jbench.errors import RequestError
 from jbench.store import query
+from jbench.store.tables import read_tables
 from tests.store.store_rows import add_run, listed
 from tests.store.test_damage import truncate
 
@@ -41,7 +42,7 @@ def test_table_is_found_however_query_refers_to_it(filled, sql):
 
 
 def test_show_tables_lists_all_tables(filled):
-    assert {name for (name,) in rows(filled, "SHOW TABLES")} == set(query.load(filled).tables)
+    assert {name for (name,) in rows(filled, "SHOW TABLES")} == set(read_tables(filled).tables)
 
 
 def test_files_of_unused_tables_are_not_read(filled):

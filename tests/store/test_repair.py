@@ -6,8 +6,9 @@ import shutil
 import pytest
 
 from jbench.errors import WorkError
-from jbench.store import Results, query
+from jbench.store import Results
 from jbench.store.repair import repair
+from jbench.store.tables import read_tables
 from jbench.store.verify import verify
 from tests.store.store_faults import run_script
 from tests.store.store_rows import alter_manifest, listed, names, numbers
@@ -58,7 +59,7 @@ def test_repair_leaves_valid_results_and_loses_no_byte(broken):
     found = verify(broken, 2)
     assert (found.findings, found.records) == ([], 5)
     assert {r.id for kind in ("dataset", "encoder") for r in broken.scan(kind)[0]} == whole
-    assert query.load(broken).problems == []
+    assert read_tables(broken).problems == []
     assert repaired(broken) == ([], [], [])
 
 

@@ -10,6 +10,7 @@ from jbench.cli import main
 from jbench.errors import RequestError, WorkError
 from jbench.store import Results, query
 from jbench.store.listing import list_runs
+from jbench.store.tables import read_tables
 from jbench.store.verify import verify
 from tests.store.store_rows import RUN_SETTINGS, alter_manifest, listed, manifest_of
 from tests.store.store_whole import add_whole_run, snapshot
@@ -133,7 +134,7 @@ def test_no_command_accesses_files_outside_or_prints_traceback(
         assert "hunter2" not in printed.out + printed.err
         assert "\x1b" not in printed.out + printed.err
         assert snapshot(secret.parent) == outside
-    assert query.load(Results(mine)).problems == []
+    assert read_tables(Results(mine)).problems == []
 
 
 @pytest.mark.parametrize("target", ["secret", "new"])
@@ -178,7 +179,7 @@ def test_manifest_that_cannot_be_shown_is_reported_and_left_out(untrusted, chang
             for field, change in changes.items()
         },
     )
-    loaded = query.load(untrusted)
+    loaded = read_tables(untrusted)
     assert loaded.tables["runs"]["run"].to_pylist() == [good.id]
     (problem,) = loaded.problems
     assert problem.startswith(f"{bad.path}/manifest.json is not a manifest that can be read (")

@@ -9,6 +9,7 @@ from jbench.errors import WorkError
 from jbench.store import Results, query
 from jbench.store.manifest import SCHEMA_VERSION
 from jbench.store.merge import merge
+from jbench.store.tables import read_tables
 from jbench.store.verify import verify
 from tests.store.store_rows import alter_manifest, episodes, manifest_of
 
@@ -46,7 +47,7 @@ def test_columns_missing_from_old_version_are_null(old):
         "pca_heuristic_mse",
         "random_heuristic_mse",
     }
-    (row,) = query.load(old).tables["encoders"].to_pylist()
+    (row,) = read_tables(old).tables["encoders"].to_pylist()
     assert (row["test_mse"], row["test_explained"]) == (0.25, None)
 
 
@@ -54,7 +55,7 @@ def test_old_records_are_valid_and_can_be_merged(tmp_path, old):
     assert verify(old, 2).faults == []
     new = Results(tmp_path / "new")
     assert [one.outcome for one in merge(new, [old])] == ["copied", "copied"]
-    assert query.load(new).tables["encoder_epochs"].num_rows == 2
+    assert read_tables(new).tables["encoder_epochs"].num_rows == 2
     assert manifest_of(only(new, "run")) == manifest_of(only(old, "run"))
 
 

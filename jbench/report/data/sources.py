@@ -26,9 +26,10 @@ from jbench.settings.code_words import encoder_words
 from jbench.settings.recorded import flatten, parse_run
 from jbench.settings.variants import value_text
 from jbench.statistics import BoolArray
-from jbench.store import Results, query, schema
+from jbench.store import Results, schema
 from jbench.store.evaluations import ADDED, with_added_episodes
 from jbench.store.shipped import results_to_read
+from jbench.store.tables import Tables, read_tables
 from jbench.wording import are, counted
 
 _RUNS = ("runs", "episodes", "evaluations", "paths", "encoders")
@@ -85,10 +86,10 @@ def own(results: Results, request: Request, name: str = OWN, *, strict: bool = T
 def imported(results: Results, request: Request, name: str = IMPORTED) -> Source:
     """Returns the imported curves of the requested task and algorithm; they have no date."""
     request = request.model_copy(update={"since": None})
-    tables, problems = query.load(results, ("imports", "import_points"))
+    tables, problems = read_tables(results, ("imports", "import_points"))
     imports, points = (tables[n].to_pandas(use_threads=False) for n in ("imports", "import_points"))
     runs, notes, unusable = as_runs(_filtered(imports, request, strict=False)[0], points)
-    source = _source(query.Tables(runs, problems + unusable), request, name, strict=False)
+    source = _source(Tables(runs, problems + unusable), request, name, strict=False)
     if source.configurations:
         source.notes += notes
 
@@ -107,7 +108,7 @@ def from_file(request: Request, path: Path) -> Source:
     """Returns the curves of a file, or of a folder, of the requested task and algorithm."""
     file = read_curves(path, request.returns)
     runs, _, problems = as_runs(*as_imports(file.points, request.returns))
-    source = _source(query.Tables(runs, problems), request, FILE)
+    source = _source(Tables(runs, problems), request, FILE)
     source.notes += file.notes
     _compare_over_run(source.configurations)
     return source
@@ -161,13 +162,13 @@ def side(text: str, results: Results, request: Request) -> Source:
     return source
 
 
-def _load(results: Results, more: Sequence[str] = ()) -> query.Tables:
+def _load(results: Results, more: Sequence[str] = ()) -> Tables:
     """Reads the tables of runs, with texts as categories."""
-    return query.load(results, (*_RUNS, *more), coded=True, columns=_COLUMNS)
+    return read_tables(results, (*_RUNS, *more), coded=True, columns=_COLUMNS)
 
 
 def _source(
-    read: query.Tables, request: Request, name: str, *, chosen: str = "", strict: bool = True
+    read: Tables, request: Request, name: str, *, chosen: str = "", strict: bool = True
 ) -> Source:
     """Returns the configurations of the runs that pass the filters, and what hinders others."""
     # The name of a directory may contain bytes that no table can hold.

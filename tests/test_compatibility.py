@@ -11,7 +11,7 @@ from jbench.encoders.settings import EncoderSettings
 from jbench.settings.records import DatasetSettings, EvaluationSettings
 from jbench.settings.run import RunSettings
 from jbench.store import Results
-from jbench.store.merge import TIMES
+from jbench.store.schema import TIMES
 from jbench.store.shipped import shipped
 from tests.fixtures import make_results
 from tests.fixtures.make_results import FINISHED, INTERRUPTED, TRAINING, content, train

@@ -18,9 +18,6 @@ from jbench.store.quarantine import Quarantine
 from jbench.store.record import Folder, Record
 from jbench.store.verify import ShowProgress, examine, no_progress
 
-TIMES = ("wall_time", "processor_time")
-"""Columns that may differ between two computations of the same record."""
-
 _ORIGINS: dict[RecordKind, tuple[RecordKind, str]] = {
     "encoder": ("dataset", "dataset"),
     "run": ("encoder", "encoder"),
@@ -135,9 +132,9 @@ def _merged(
 
 def _choose(mine: Record, other: Record) -> MergeOutcome:
     """Returns the outcome for a record that exists already; raises a WorkError if they conflict."""
-    finished = [record.status == "finished" for record in (mine, other)]
-    if finished[0] != finished[1]:
-        return "kept" if finished[0] else "replaced"
+    is_finished = mine.status == "finished"
+    if is_finished != (other.status == "finished"):
+        return "kept" if is_finished else "replaced"
     if mine.manifest.files == other.manifest.files:
         return "same"
 
@@ -146,12 +143,12 @@ def _choose(mine: Record, other: Record) -> MergeOutcome:
     tables = sorted({entry.table for entry in entries if entry.table not in (None, "paths")})
     difference = next(filter(None, (_difference(mine, other, table) for table in tables)), None)
     more = [other.rows(table) - mine.rows(table) for table in tables]
-    if difference is None and all(finished):
+    if difference is None and is_finished:
         difference = _other_files(mine, other) or ("another number of rows" if any(more) else None)
 
     if difference is None:
         if not any(more):
-            return _with_policy(mine, other) if all(finished) else "same"
+            return _with_policy(mine, other) if is_finished else "same"
         # Two states of the same work: the one with more rows is newer.
         if min(more) >= 0:
             return "replaced"
@@ -204,7 +201,7 @@ def _difference(mine: Record, other: Record, table: str) -> str | None:
         if set(ours.column_names) != set(theirs.column_names):
             return f"other columns of {table}"
         for name in ours.column_names:
-            if name in TIMES:
+            if name in schema.TIMES:
                 continue
             # Equal values have equal bytes, also NaN, which equals nothing.
             left, right = (
@@ -221,6 +218,7 @@ def _common_rows(mine: Record, other: Record, table: str) -> Iterator[tuple[pa.T
     """Yields the rows that both have, piece by piece: a file of each is in memory at a time."""
 
     def read(record: Record) -> Iterator[pa.Table]:
+        """Returns the rows of each file of a record."""
         return (record.read_part(e, schema.FILES.get(table)) for e in record.parts(table))
 
     ours, theirs = read(mine), read(other)

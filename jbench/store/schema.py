@@ -30,6 +30,9 @@ _TIMES = """wall_time: float64, s since the run began
 _MANIFEST = """created updated: string, UTC
     settings provenance: string, JSON"""
 
+TIMES = ("wall_time", "processor_time")
+"""Columns that may differ between two computations of the same record."""
+
 LOSSES = (
     "actor_loss",
     "critic_loss",

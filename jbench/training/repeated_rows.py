@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any, Literal, NamedTuple
 
 from jbench.store import Record
-from jbench.store.merge import TIMES
+from jbench.store.schema import TIMES
 
 RepeatVerdict = Literal["equal", "different", "no policy", "not comparable"]
 """Whether returns are the recorded ones, bit for bit; `not comparable`: the record or this

@@ -33,7 +33,7 @@ from jbench.datasets import fixed
 from jbench.errors import WorkError
 from jbench.store import Results
 from jbench.store.manifest import KINDS
-from jbench.store.merge import TIMES
+from jbench.store.schema import TIMES
 from jbench.sweeps import executors
 from jbench.training import engines
 from tests.faults.fault_injection import CALLS, Fault

@@ -12,7 +12,8 @@ from jbench.errors import RequestError
 from jbench.names import POLICY_FILES
 from jbench.store import Results, schema
 from jbench.store import merge as merging
-from jbench.store.merge import TIMES, merge
+from jbench.store.merge import merge
+from jbench.store.schema import TIMES
 from jbench.store.verify import verify
 from tests.store.store_faults import Script
 from tests.store.store_rows import RUN_SETTINGS, alter_manifest, episodes, manifest_of

@@ -8,7 +8,7 @@ from jbench.encoders import Encoder
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.run import RunSettings
 from jbench.store import Results
-from jbench.store.merge import TIMES
+from jbench.store.schema import TIMES
 from jbench.training.batched_run import run_batch
 from jbench.training.events import Resumed
 from jbench.training.request import request_runs

@@ -79,7 +79,8 @@ def evaluation_returns(
 ) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
     """Returns the evaluation and the return (episodes,) of each evaluation episode of a run."""
     rows = run.read("evaluations")
-    which, returns = (rows[name].to_numpy() for name in ("evaluation", "episode_return"))
+    which = rows["evaluation"].to_numpy()
+    returns = rows["episode_return"].to_numpy()
     if len(which):
         returns = np.concatenate([returns, *added])
         which = np.append(which, np.full(len(returns) - len(which), which.max()))
@@ -94,9 +95,10 @@ def with_added_episodes(
     The tables are `runs`, `policy_evaluations` and `policy_episodes`.
     """
     about = tables["policy_evaluations"]
-    known, chosen = (map(json.loads, rows["settings"]) for rows in (runs, about))
-    described = zip(about["evaluation"], about["status"], chosen, strict=True)
-    joined = joined_runs(dict(zip(runs["run"], known, strict=True)), described)
+    settings_of_runs = dict(zip(runs["run"], map(json.loads, runs["settings"]), strict=True))
+    settings = map(json.loads, about["settings"])
+    described = zip(about["evaluation"], about["status"], settings, strict=True)
+    joined = joined_runs(settings_of_runs, described)
     if not joined or not evaluations.num_rows:
         return evaluations
 

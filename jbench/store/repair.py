@@ -20,7 +20,13 @@ from jbench.store.verify import Flaw, examine
 
 
 class Repaired(NamedTuple):
-    """What was moved from where to where, why the rest was not, and commands to make it again."""
+    """What a repair has done.
+
+    Attributes:
+        moved: paths before and after, of what was moved to the quarantine.
+        left: a sentence for each record that was not changed, though something is wrong with it.
+        commands: those that make the moved records again.
+    """
 
     moved: list[tuple[Path, Path]]
     left: list[str]
@@ -36,7 +42,8 @@ def repair(results: Results, findings: Sequence[Flaw], dry_run: bool = False) ->
     quarantine = Quarantine(results, dry_run)
     left = []
     commands = []
-    for kind, id in dict.fromkeys((f.kind, f.id) for f in findings if f.sort != "warning"):
+    faults = [flaw for flaw in findings if flaw.sort != "warning"]
+    for kind, id in dict.fromkeys((flaw.kind, flaw.id) for flaw in faults):
         try:
             commands += _repair_folder(results, kind, id, quarantine)
         except (WorkError, RequestError) as error:
@@ -71,5 +78,7 @@ def _repair_folder(
             if os.path.lexists(flaw.path):
                 quarantine.take(flaw.path)
 
-    made = {} if record is None or not is_damaged else record.manifest.provenance
+    if record is None or not is_damaged:
+        return []
+    made = record.manifest.provenance
     return [shell_command(made)] if isinstance(made.get("command"), list) else []

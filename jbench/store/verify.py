@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from jbench.names import REFERENCE
 from jbench.settings.base import settings_hash
@@ -147,38 +147,39 @@ def _check(folder: Folder) -> tuple[Record | None, list[Flaw]]:
 
 def _warnings(record: Record, intact: Collection[tuple[RecordKind, str]]) -> Iterator[Flaw]:
     """Yields what is odd about an intact record: missing partners, dates in the future."""
-    settings = record.settings
-    problems = []
-    # The record without which this one is of no use, if there is one.
-    needed: tuple[RecordKind, Any] = (
-        "encoder",
-        settings.get("encoder") if record.kind == "run" else None,
-    )
-    if record.kind == "encoder" and record.status != "finished":
-        needed = "dataset", settings.get("dataset")
+    for problem in (*_missing_partners(record, intact), *_odd_dates(record)):
+        yield Flaw("warning", record.kind, record.id, record.path / MANIFEST, problem)
 
-    if record.kind == "evaluation":
+
+def _missing_partners(record: Record, intact: Collection[tuple[RecordKind, str]]) -> Iterator[str]:
+    """Yields a clause if the record without which this one is of no use is missing or damaged."""
+    settings = record.settings
+    kind: RecordKind
+    if record.kind == "run":
+        kind = "encoder"
+        id = settings.get("encoder")
+    elif record.kind == "encoder" and record.status != "finished":
+        kind = "dataset"
+        id = settings.get("dataset")
+    elif record.kind == "evaluation":
         # The name of a hand-written policy has no slash; that of a shipped run begins with this.
         policy = str(settings.get("policy"))
-        is_run = "/" in policy and not policy.startswith(f"{REFERENCE}/")
-        needed = "run", policy if is_run else None
+        kind = "run"
+        id = policy if "/" in policy and not policy.startswith(f"{REFERENCE}/") else None
+    else:
+        return
 
-    kind, named = needed
-    if named is not None and (kind, str(named)) not in intact:
-        problems.append(f"names the {kind} {named}, which is not intact in these results")
+    if id is not None and (kind, str(id)) not in intact:
+        yield f"names the {kind} {id}, which is not intact in these results"
 
+
+def _odd_dates(record: Record) -> Iterator[str]:
+    """Yields a clause for each date of a manifest that is none, or is in the future."""
     for what in ("created", "updated"):
         date = getattr(record.manifest, what)
-        reason = None
         try:
             # Clocks of different machines differ a little.
             if datetime.fromisoformat(date) > datetime.now(UTC) + timedelta(hours=1):
-                reason = "in the future, so that its clock or this one is wrong"
+                yield f"was {what} {date!r}: in the future, so that its clock or this one is wrong"
         except (ValueError, TypeError):
-            reason = "no date with a time zone"
-
-        if reason is not None:
-            problems.append(f"was {what} {date!r}: {reason}")
-
-    for problem in problems:
-        yield Flaw("warning", record.kind, record.id, record.path / MANIFEST, problem)
+            yield f"was {what} {date!r}: no date with a time zone"

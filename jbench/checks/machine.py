@@ -7,7 +7,7 @@ import platform
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import mujoco
@@ -38,20 +38,16 @@ _LITTLE_ROOM = 1e9  # bytes free
 
 def check_machine(results: Results) -> Iterator[Checked]:
     """Yields a line for each check; the slow ones come last. Writes nothing that stays."""
-    checks: list[Callable[[], Checked]] = [
-        _versions,
-        _dependencies,
-        _cores,
-        _threads,
-        _gpu,
-        _ffmpeg,
-        lambda: _directory(results),
-        lambda: _locks(results),
-        _physics,
-        _opengl,
-    ]
-    for check in checks:
-        yield check()
+    yield _versions()
+    yield _dependencies()
+    yield _cores()
+    yield _threads()
+    yield _gpu()
+    yield _ffmpeg()
+    yield _directory(results)
+    yield _locks(results)
+    yield _physics()
+    yield _opengl()
 
 
 def _versions() -> Checked:
@@ -225,6 +221,5 @@ def _opengl() -> Checked:
         )
 
     display = "a display" if has_display() else "no display"
-    return Checked(
-        "OpenGL", "ok", f"{', '.join(working)} draw{'s' * (len(working) == 1)}; {display}"
-    )
+    verb = "draws" if len(working) == 1 else "draw"
+    return Checked("OpenGL", "ok", f"{', '.join(working)} {verb}; {display}")

@@ -74,8 +74,9 @@ class AutogradLearner(OffPolicyLearner[OffPolicySettings]):
         """Draws the initial parameters of one seed."""
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(generator.initial_seed())
-            sizes = self.rule.observation_size, self.action_size
-            drawn = make_rule(type(self.rule), self.settings, *sizes)
+            drawn = make_rule(
+                type(self.rule), self.settings, self.rule.observation_size, self.action_size
+            )
         for name, values in self._parameters.items():
             values.copy_(drawn.get_parameter(name).detach())
 
@@ -89,8 +90,7 @@ class AutogradLearner(OffPolicyLearner[OffPolicySettings]):
 
     def policy(self) -> SavedNetwork:
         """See `Learner.policy`."""
-        sizes = self.rule.observation_size, self.action_size
-        return copy_module(mean_actor(self.rule), *sizes)
+        return copy_module(mean_actor(self.rule), self.rule.observation_size, self.action_size)
 
     def load_policy(self, policy: SavedNetwork) -> None:
         """See `Learner.load_policy`."""

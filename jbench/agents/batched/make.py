@@ -64,16 +64,15 @@ def make_engine(
         WorkError: if the replay buffers exceed a GPU's memory, or the rule can't be trained.
         UnsupportedPolicyError: if the rule's policy can't be saved.
     """
-    sizes = environments.size, environments.action_size
     seeds = len(environments.generators)
-    learner = _learner(algo, settings, ofe, *sizes)
+    learner = _learner(algo, settings, ofe, environments)
     _set_precision(device, precision)
     tensors = Tensors(seeds, dtype, device, low_precision=precision == "bfloat16")
     how: dict[str, Any] = {
         "time_limit": time_limit,
         "stacked": device.type == "cuda" if stacked is None else stacked,
     }
-    make: Any = partial(learner, settings, *sizes)
+    make: Any = partial(learner, settings, environments.size, environments.action_size)
     if isinstance(settings, PPOSettings):
         return OnPolicyEngine(settings, make, tensors, environments, **how)
     assert isinstance(settings, OffPolicySettings)
@@ -90,19 +89,21 @@ def _learner(
     algo: str | type[Rule],
     settings: AlgorithmSettings,
     ofe: OFESettings | None,
-    observation_size: int,
-    action_size: int,
+    environments: Environments,
 ) -> Callable[..., Learner[Any]]:
     """Returns what makes a learner of an algorithm, or of a rule that has been checked."""
     if not isinstance(algo, str):
         assert isinstance(settings, OffPolicySettings)
-        rule = checked_rule(algo, settings, observation_size, action_size)
+        rule = checked_rule(algo, settings, environments.size, environments.action_size)
         return partial(AutogradLearner, rule=rule)
     return LEARNERS[algo] if ofe is None else on_features(algo, ofe)
 
 
 def on_features(algo: str, ofe: OFESettings) -> Callable[..., OnFeatures]:
-    """Returns what makes a learner of an off-policy algorithm on learned features."""
+    """Returns what makes a learner of an off-policy algorithm on learned features.
+
+    Its class derives from `OnFeatures`, which wraps the methods of the update rule that follows it.
+    """
     return partial(type("OnFeatures", (OnFeatures, LEARNERS[algo]), {}), ofe=ofe)
 
 
@@ -199,20 +200,29 @@ def _update(rule: Rule, seeds: int) -> None:
     This fails if a loss is no number, does not depend on what it trains, draws random numbers,
     changes a buffer, or has shapes or branches that depend on values.
     """
-    sizes = (rule.observation_size, rule.action_size)
+    observation_size = rule.observation_size
+    action_size = rule.action_size
     is_stack = seeds > 1
-    make = partial(AutogradLearner, rule.settings, *sizes, rule=rule)
+    make = partial(AutogradLearner, rule.settings, observation_size, action_size, rule=rule)
     tensors = Tensors(seeds)
     learner = make(view=tensors if is_stack else tensors.select(0))
     for seed in range(seeds):
         make(view=tensors.select(seed)).initialize(torch.Generator().manual_seed(seed))
-    shape = (*((seeds,) if is_stack else ()), rule.settings.batch_size)
-    rows, next_rows = torch.zeros(2, *shape, sum(sizes) + 1)
-    noise = torch.zeros(*shape, rule.noise_per_transition)
-    batch = Batch(rows, next_rows, torch.zeros(*shape, 1), noise, rule.action_size)
+
+    batch_size = rule.settings.batch_size
+    shape = (seeds, batch_size) if is_stack else (batch_size,)
+    width = observation_size + action_size + 1
+    batch = Batch(
+        rows=torch.zeros(*shape, width),
+        next_rows=torch.zeros(*shape, width),
+        discounts=torch.zeros(*shape, 1),
+        noise=torch.zeros(*shape, rule.noise_per_transition),
+        action_size=action_size,
+    )
     learner.update(batch)
     if learner.is_stochastic:
         actions = learner.explore(batch.observations, batch.actions)
-        shape, wanted = (tuple(values.shape[-2:]) for values in (actions, batch.actions))
-        if shape != wanted:
-            raise ValueError(f"explore returns {shape} numbers, not actions {wanted}")
+        returned = tuple(actions.shape[-2:])
+        wanted = tuple(batch.actions.shape[-2:])
+        if returned != wanted:
+            raise ValueError(f"explore returns {returned} numbers, not actions {wanted}")

@@ -44,8 +44,8 @@ class TD3Learner(OffPolicyLearner[TD3Settings]):
         The actor and the target networks are updated only if `delayed`.
         """
         settings = self.settings
-        sigma, clip = settings.target_policy_noise, settings.target_noise_clip
-        smoothing = (batch.noise * sigma).clamp_(-clip, clip)
+        clip = settings.target_noise_clip
+        smoothing = (batch.noise * settings.target_policy_noise).clamp_(-clip, clip)
         next_actions = self.actor_target.forward(batch.next_observations).tanh_()
         # The next actions are columns of `next_state_actions`, and the actions of `state_actions`.
         torch.clamp(next_actions.add_(smoothing), -1, 1, out=batch.next_actions)

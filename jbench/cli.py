@@ -75,6 +75,8 @@ _VERBS = {
 
 
 class _Root(Verbs):
+    """The group of all verbs."""
+
     verbs = _VERBS
 
 

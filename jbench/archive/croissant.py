@@ -85,6 +85,7 @@ def _tables_of_dataset(dataset: Record) -> dict[str, pa.Table]:
 
 
 def _parts(dataset: Record, table: str) -> Iterator[pa.Table]:
+    """Yields the rows of each file of a table of a dataset."""
     return (dataset.read_part(entry) for entry in dataset.parts(table))
 
 

@@ -75,6 +75,8 @@ class Encoders(Document):
 
 
 class _Offered(Document):
+    """What every list of offered code has."""
+
     broken: list[JsonObject] = Field(
         description="those whose package can't be used, with the reason"
     )

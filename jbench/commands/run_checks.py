@@ -51,6 +51,7 @@ def check_runs(runs: Sequence[RunSettings], keep_state: KeepState, device: str |
 
 
 def _warn_of_slow_bfloat16() -> None:
+    """Warns of a processor that multiplies in bfloat16 more slowly than in float32."""
     slowdown = slowdown_of_bfloat16()
     if slowdown >= _NOTABLE_SLOWDOWN:
         output.warn(

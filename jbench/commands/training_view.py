@@ -130,6 +130,8 @@ def _steps(runs: Sequence[RunSettings]) -> int:
 
 
 class _Process:
+    """A process that trains runs, as a line of the progress shows it."""
+
     task: TaskID
 
     def __init__(self, runs: Sequence[RunSettings]) -> None:

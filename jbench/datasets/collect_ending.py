@@ -89,6 +89,7 @@ def _episode(
 
 
 def _tables(task: Task, first: int, part: list[Episode]) -> dict[str, pa.Table]:
+    """Returns the rows of episodes, the first of which has the number `first`."""
     numbers = list(range(first, first + len(part)))
     columns = {"episode": numbers, "seed": [episode.seed for episode in part]}
     return {

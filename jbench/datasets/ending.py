@@ -69,6 +69,7 @@ class EndingBlock(NamedTuple):
 
     @property
     def _is_state(self) -> NDArray[np.bool_]:
+        """Which steps of the observations are states of an episode, (episodes, steps)."""
         steps = np.arange(self.observations.shape[1])
         return np.asarray(steps <= self.lengths[:, None])
 
@@ -82,6 +83,7 @@ def table(first_episode: int, episodes: Sequence[Episode], columns: pa.Schema) -
 
 
 def _rows(number: int, episode: Episode, columns: pa.Schema) -> pa.Table:
+    """Returns the rows of an episode, one for each of its states."""
     length = len(episode.rewards)
     steps = np.arange(length + 1)
     made = np.concatenate([episode.actions, episode.rewards[:, None]], axis=1)

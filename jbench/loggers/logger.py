@@ -53,10 +53,12 @@ class Logger(ABC):
                 self._finish(self._logs.pop(run))
 
     @abstractmethod
-    def _begin(self, name: str, group: str, config: dict[str, Any]) -> Any: ...
+    def _begin(self, name: str, group: str, config: dict[str, Any]) -> Any:
+        """Starts and returns the log of a run, which the tracker shows in a group."""
 
     @abstractmethod
-    def _add(self, log: Any, steps: int, time: float, values: _Values) -> None: ...
+    def _add(self, log: Any, steps: int, time: float, values: _Values) -> None:
+        """Adds values at a control step to the log of a run; `time` in s since the epoch."""
 
     def _finish(self, log: Any) -> None:
         """Ends the log of a run."""

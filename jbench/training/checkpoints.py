@@ -45,6 +45,8 @@ _COMPACT_ROWS = "compact/rows"
 
 
 class _Envelope(BaseModel):
+    """What a checkpoint has beside its tensors, as JSON."""
+
     model_config = Settings.model_config
 
     format: int
@@ -199,6 +201,7 @@ def _read(record: Record, role: str) -> tuple[Position, SeedState, CompactReplay
 
 
 def _state_file(checkpoint: Checkpoint, run: str) -> dict[str, bytes]:
+    """Returns the file of a checkpoint of a run, by its role."""
     position = checkpoint.position
     state = checkpoint.state
     tensors = dict(state.tensors)

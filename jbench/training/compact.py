@@ -152,4 +152,5 @@ def reason_for_whole_state(record: Record) -> str | None:
 
 
 def _checksum(rows: Tensor) -> str:
+    """Returns the SHA-256 of the numbers of rows."""
     return hashlib.sha256(rows.contiguous().numpy().data).hexdigest()

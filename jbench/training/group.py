@@ -191,6 +191,7 @@ class TrainingGroup:
         self._clock.committed(time.perf_counter() - began)
 
     def _save_one(self, index: int, *, only: bool = False) -> None:
+        """Commits the rows and a checkpoint of one run; see `save`."""
         member = self._members[index]
         engine = self._engine
         member.control_steps = engine.control_steps
@@ -250,6 +251,7 @@ class TrainingGroup:
                 self._fail(self._members[index], error)
 
     def _fail(self, member: Member, error: DivergedError | EpisodeError) -> None:
+        """Commits the pending rows of a run, and marks it as failed."""
         self._share_processor_time()
         member.log.commit()
         sentence = str(error)
@@ -260,6 +262,7 @@ class TrainingGroup:
         member.failure = WorkError(sentence) if isinstance(error, EpisodeError) else error
 
     def _share_processor_time(self) -> None:
+        """Divides the processor time since the last call among the runs that go on."""
         self._clock.share([member.log for _, member in self._active()])
 
     def _active(self) -> list[tuple[int, Member]]:

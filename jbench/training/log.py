@@ -167,13 +167,15 @@ class RunLog:
         return time.perf_counter() - began
 
     def _wall_time(self) -> float:
+        """Returns the seconds since the run began."""
         return time.perf_counter() - self._began
 
     def _advance(self, **changes: float) -> None:
+        """Changes values of the progress."""
         self.progress = self.progress.model_copy(update=changes)
 
     def _add(self, table: str, control_steps: int, row: Mapping[str, Any]) -> None:
-        # A table keeps the values that it has columns for.
+        """Adds a row, which the next commit writes; a table keeps the values of its columns."""
         common = {
             "run": self._record.id,
             "control_steps": control_steps,

@@ -23,6 +23,8 @@ from jbench.wording import counted
 
 
 class _Kept(NamedTuple):
+    """A finished run, and the compact state that it has kept."""
+
     record: Record
     replay: CompactReplay
 
@@ -76,6 +78,7 @@ class RecomputedRows:
                     yield _Kept(record, checkpoint.compact)
 
     def _compute(self, run: RunSettings, kept: Sequence[_Kept]) -> None:
+        """Computes the rows of all these states at once, and keeps them until they are taken."""
         steps = len(kept[0].replay.actions) * run.environments
         sentence = (
             f"The replay buffers of {counted(len(kept), 'run')} are computed again from "

@@ -192,6 +192,7 @@ def _device(record: Record, at_end: bool = False) -> str:
 
 
 def _recorded_device(record: Record, at_end: bool) -> str:
+    """Returns the device that a run had at its beginning, or at its end."""
     made = record.manifest.provenance
     continued = made.get("continued") if at_end else None
     changed = continued[-1]["changed"] if continued else {}  # since the beginning
@@ -238,4 +239,5 @@ def _is_of_last_evaluation(
 
 
 def _not_comparable(record: Record, reason: str) -> Repeated:
+    """Returns the outcome for a run that can't be compared, with the reason."""
     return Repeated(record.id, "not comparable", reason)

@@ -17,10 +17,12 @@ def kept(frames: Frames) -> Chart:
 
 
 def _size(rows: pd.DataFrame) -> tuple[float, float]:
+    """Returns width and height of a panel, in inches, with a row for each representation."""
     return 5.2, 2.1 + 0.24 * rows["representation"].nunique()
 
 
 def _draw_kept(rows: pd.DataFrame, axes: Axes) -> None:
+    """Draws a cell for each representation and feature, with its percentage below 100."""
     features = list(dict.fromkeys(rows["feature"]))
     names = list(dict.fromkeys(rows["representation"]))
     shares = rows.pivot_table(index="representation", columns="feature", values="kept")

@@ -224,7 +224,8 @@ def leaderboard(
 ) -> None:
     """Rank algorithms and representations on each task.
 
-    Entries whose intervals overlap share a rank.
+    An entry shares the rank of the one above it, unless its interval lies below that of the first
+    entry of this rank.
     """
     if [markdown, as_csv, json].count(True) > 1:
         raise RequestError("--markdown, --csv and --json exclude each other; type one of them.")

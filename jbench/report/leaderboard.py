@@ -78,8 +78,9 @@ def leaderboard(
 ) -> pd.DataFrame:
     """Returns the entries by task and median of the final returns, best first.
 
-    Entries whose 95% intervals cross share a rank; those without an interval or with fewer than
-    `DECIDING_SEEDS` seeds have none. entry is the source of the runs, hand-written or published,
+    An entry shares the rank of the one above it, unless its 95% interval lies below that of the
+    first entry of this rank; those without an interval or with fewer than `DECIDING_SEEDS` seeds
+    have none. entry is the source of the runs, hand-written or published,
     and n the number of seeds; of a hand-written policy, of episodes. Ours are configurations of
     one kind of return, and algo (or None for all) selects policies and published curves.
     """
@@ -134,7 +135,7 @@ def _published(published: pd.DataFrame, tasks: Collection[str], algo: str | None
 
 
 def _ranked(entries: pd.DataFrame) -> pd.DataFrame:
-    """Returns entries with their ranks; those whose intervals overlap share one."""
+    """Returns entries, best first, with their ranks; see `leaderboard`."""
     decided = (entries["n"] >= st.DECIDING_SEEDS) & (entries["low"] <= entries["high"])
     ranks: dict[Hashable, int] = {}
     low = np.inf

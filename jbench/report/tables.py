@@ -201,10 +201,11 @@ def leaderboard_table(frame: pd.DataFrame, returns: str) -> Table:
         RANGE,
     ]
     caption = (
-        f"{_FINAL[returns]} Medians. {INTERVAL} Entries whose intervals overlap share a rank; "
-        f"those with fewer than {DECIDING_SEEDS} seeds have none. Published medians are training "
-        "returns at the end of the paper's curves. Entries may have been trained for different "
-        "numbers of control steps."
+        f"{_FINAL[returns]} Medians. {INTERVAL} An entry shares the rank of the one above it, "
+        "unless its interval lies below that of the first entry of this rank; those with fewer "
+        f"than {DECIDING_SEEDS} seeds have none. Published medians are training returns at the end "
+        "of the paper's curves. Entries may have been trained for different numbers of control "
+        "steps."
     )
     return Table("leaderboard", f"Leaderboard by final {returns} return", caption, frame, columns)
 

@@ -102,6 +102,12 @@ def imported(what: str, name: str) -> Any:
     return getattr(module, attribute)
 
 
+def is_module(name: str) -> bool:
+    """Returns whether a name without dots is that of a module that can be imported."""
+    find_working_directory()
+    return name.isidentifier() and importlib.util.find_spec(name) is not None
+
+
 def find_working_directory() -> None:
     """Lets Python import modules of the working directory, as where `python -m` began."""
     if (here := os.getcwd()) not in sys.path and "" not in sys.path:

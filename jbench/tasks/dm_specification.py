@@ -149,8 +149,8 @@ def measure_episode(environment: Any, bounds: Bounds) -> int:
     if timestep.discount == 0:
         raise UnusableError(
             f"its episode terminates at control step {steps}, and its time limit is not known: "
-            "wrap it in gymnasium.wrappers.TimeLimit, or give a dm_env.Environment the "
-            "attribute episode_steps, control steps after which an episode is truncated"
+            "wrap it in gymnasium.wrappers.TimeLimit, or give it, if it is a dm_env.Environment, "
+            "the attribute episode_steps (the control steps of its time limit)"
         )
 
     return steps

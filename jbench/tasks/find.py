@@ -120,6 +120,20 @@ def episode_provenance(name: str) -> dict[str, Any]:
 
 def unknown_task(name: str) -> RequestError:
     """Returns the error for a name that is none of a task."""
+    if name.endswith((".xml", ".mjcf")):
+        return RequestError(
+            f"{name} is a model, and a task also needs rewards; write a function that returns an "
+            "environment with this model, and type MODULE:NAME (docs/your-own-robot.md)."
+        )
+
+    module, _, attribute = name.removesuffix(".py").partition(".")
+    if plugins.is_module(module):  # also MODULE.NAME, as in the ids of runs
+        meant = attribute if attribute.isidentifier() else "NAME"
+        explained = "" if meant == attribute else ", a function in it that returns an environment"
+        return RequestError(
+            f"Unknown task {name!r}; to use the module {module}, type {module}:{meant}{explained}."
+        )
+
     close = closest(name, [*TASKS, *installed_tasks(), *SUITE_TASKS])
     if close is None:  # a domain, such as cartpole or HalfCheetah-v5
         domains = {task.removeprefix(SUITE).partition("-")[0]: task for task in SUITE_TASKS[::-1]}

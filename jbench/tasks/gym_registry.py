@@ -12,6 +12,7 @@ import gymnasium
 
 from jbench import plugins
 from jbench.errors import RequestError, WorkError, sentence_of_failure
+from jbench.names import closest
 from jbench.sources import source_files
 from jbench.task_specs import GYM
 
@@ -69,9 +70,8 @@ def find_environment(name: str) -> RegisteredEnvironment:
 
     try:
         spec = gymnasium.spec(registered)
-    except (gymnasium.error.Error, ImportError) as error:
-        reason = " ".join(str(error).split()).rstrip(".")
-        raise RequestError(f"Gymnasium has no environment {id}: {reason}.") from None
+    except gymnasium.error.Error:
+        raise _unknown_environment(id) from None
 
     entry = spec.entry_point
     if isinstance(entry, str):
@@ -81,6 +81,21 @@ def find_environment(name: str) -> RegisteredEnvironment:
 
     modules = tuple(filter(None, dict.fromkeys((implementing, registering))))
     return RegisteredEnvironment(id, arguments, modules, entry)
+
+
+def _unknown_environment(id: str) -> RequestError:
+    """Returns the error for an id, or MODULE:ID, that is not in Gymnasium's registry."""
+    module, _, registered = id.rpartition(":")
+    newest = {known.partition("-v")[0].lower(): known for known in gymnasium.registry}
+    close = closest(registered.partition("-v")[0], list(newest))
+    if close:
+        hint = f"did you mean {GYM}{newest[close]}?"
+    elif module:
+        hint = f"the module {module} has to register it when it is imported."
+    else:
+        hint = f"if a module of yours registers it, type {GYM}MODULE:{registered}."
+
+    return RequestError(f"Gymnasium has no environment {registered}; {hint}")
 
 
 def _arguments(name: str, options: Iterable[str]) -> dict[str, Any]:

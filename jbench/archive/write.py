@@ -34,7 +34,7 @@ A results directory of jbench, a report of it, and what repeats it.
     jbench sweep matrix.toml            trains these runs
     requirements.txt                    the versions of all packages
 
-{runs} runs; drops: {drops}.
+{runs} runs; failed or left out: {missing}.
 """
 
 
@@ -63,7 +63,7 @@ def write_archive(results: Results, out: Path, blind: bool = False) -> Archived:
 
     blinder = Blinder(words_of_this_machine(results.path, out)) if blind else None
     if blinder is not None:
-        blinder.learn(records)
+        blinder.learn([*records, *left_out])
 
     with tempfile.TemporaryDirectory(prefix="jbench-archive-") as folder:
         root = Path(folder)
@@ -73,7 +73,7 @@ def write_archive(results: Results, out: Path, blind: bool = False) -> Archived:
         if faults := verify(target, 1).faults:
             raise WorkError(f"The archive would be damaged: {faults[0]}")
         write_report(target, root / "report", Request(claims=_has_claims(records)))
-        _write_texts(root, target, left_out)
+        _write_texts(root, target, _lines(left_out, blinder))
         content = _zipped(root)
 
     if blinder is not None and (leak := next(leaks(content, blinder.words), None)) is not None:
@@ -84,24 +84,33 @@ def write_archive(results: Results, out: Path, blind: bool = False) -> Archived:
         )
 
     files.write_atomic(out, content)
-    return Archived(out, len(records), len(content), left_out)
+    return Archived(out, len(records), len(content), _lines(left_out))
 
 
-def _chosen(results: Results) -> tuple[list[Record], list[str]]:
-    """Returns the records of an archive, and a line for each that is left out."""
+def _chosen(results: Results) -> tuple[list[Record], list[Record]]:
+    """Returns the records of an archive, and the unfinished ones, which are left out."""
     chosen = list[Record]()
-    left_out = list[str]()
+    left_out = list[Record]()
     for kind in _KINDS:
         records, problems = results.scan(kind)
         if problems:
             raise WorkError(problems[0])
         for record in records:
             if record.status == "unfinished":
-                left_out.append(f"{kind} {record.id}: unfinished")
+                left_out.append(record)
             else:
                 chosen.append(record)
 
     return chosen, left_out
+
+
+def _lines(left_out: list[Record], blinder: Blinder | None = None) -> list[str]:
+    """Returns a line for each record that is left out, without names if there is a blinder."""
+    lines = []
+    for record in left_out:
+        id = record.id if blinder is None else blinder.id(record)
+        lines.append(f"{record.kind} {id}: unfinished")
+    return lines
 
 
 def _has_claims(records: list[Record]) -> bool:
@@ -140,8 +149,8 @@ def _write_texts(root: Path, target: Results, left_out: list[str]) -> None:
     runs = target.scan("run")[0]
     encoders = {record.id: record.settings for record in target.scan("encoder")[0]}
     failed = [f"run {run.id}: failed" for run in runs if run.status == "failed"]
-    drops = "; ".join([*failed, *left_out]) or "none"
-    text = _README.format(version=__version__, runs=len(runs), drops=drops)
+    missing = "; ".join([*failed, *left_out]) or "none"
+    text = _README.format(version=__version__, runs=len(runs), missing=missing)
     (root / "README.txt").write_text(text)
     (root / "matrix.toml").write_text(matrix([run.settings for run in runs], encoders))
     (root / "requirements.txt").write_text(lock())

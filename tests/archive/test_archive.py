@@ -108,18 +108,24 @@ def test_archive_verifies_and_reports_elsewhere(
     code, *_ = run_command("report", "--format", "svg", results=place / "results")
     assert code == 0
     assert (place / "report" / "index.html").stat().st_size > 10_000
-    assert "drops: none" in (place / "README.txt").read_text()
+    assert "failed or left out: none" in (place / "README.txt").read_text()
     assert re.search(r"^mujoco==3", (place / "requirements.txt").read_text(), re.M)
     assert {entry.date_time for entry in entries} == {(1980, 1, 1, 0, 0, 0)}
 
 
 def test_no_name_is_left_in_a_blind_archive(results, tmp_path, known_machine):
+    (run,) = (run for run in results.scan("run")[0] if run.settings["engine"] == "plugin")
+    unfinished = {**run.settings, "seed": 9}
+    results.create("run", run.id[:-12] + f"s09-{settings_hash(unfinished)}", unfinished)
     write_archive(results, tmp_path / "named.zip")
     write_archive(results, tmp_path / "blind.zip", blind=True)
     words = set(NAMES.values())
     named = {word for _, word in leaks((tmp_path / "named.zip").read_bytes(), words)}
     assert named >= words - {NAMES["owner"], NAMES["directory"]}
     assert list(leaks((tmp_path / "blind.zip").read_bytes(), words)) == []
+    place, _ = opened(tmp_path / "blind.zip", tmp_path)
+    left_out = r"left out: run face_direction/agent-1/full/s09-[0-9a-f]{8}: unfinished\."
+    assert re.search(left_out, (place / "README.txt").read_text())
 
 
 @pytest.mark.slow
@@ -229,7 +235,7 @@ def test_unfinished_run_is_left_out_and_named(results, tmp_path):
     written = write_archive(results, tmp_path / "a.zip")
     assert written.left_out == [f"run {id}: unfinished"]
     place, _ = opened(tmp_path / "a.zip", tmp_path)
-    assert f"drops: run {id}: unfinished." in (place / "README.txt").read_text()
+    assert f"failed or left out: run {id}: unfinished." in (place / "README.txt").read_text()
 
 
 def test_results_without_runs_are_refused(tmp_path, refused):

@@ -26,7 +26,7 @@ class Drawing(NamedTuple):
     """A file of docs/images, and the figure of the report in it.
 
     Attributes:
-        columns: its width in columns of a paper.
+        columns: its width in columns of a paper; with one, a phone shows it at a legible size.
         is_standardized: whether its agents standardize their inputs, as those of the authors.
         representations: those whose runs it shows; none for all.
     """
@@ -43,7 +43,6 @@ class Drawing(NamedTuple):
 DRAWINGS = (
     Drawing(
         "readme-td3",
-        columns=2,
         representations=("full", "scaled16", "planar12", "planar-mirror12", "dae12"),
     ),
     Drawing("answer-td3", columns=2),

@@ -30,7 +30,7 @@ A results directory of jbench, a report of it, and what repeats it.
 
     pip install jbench=={version}
     jbench verify --results results     every file against its checksum
-    jbench report --results results     the report, made again; report/index.html is the one of then
+    jbench report --results results     the report, made again; the original is report/index.html
     jbench sweep matrix.toml            trains these runs
     requirements.txt                    the versions of all packages
 

@@ -49,8 +49,8 @@ def check_code(record: Record, now: Code) -> None:
     """Raises a ChangedCodeError, which names record, files and date, if the code has changed."""
     if files := changed_since(record, now):
         raise ChangedCodeError(
-            f"{since_recorded(record, files)}; restore the code of then, or type {ACCEPT} to go on "
-            "with the present code.",
+            f"{since_recorded(record, files)}; restore the code of that time, or type {ACCEPT} to "
+            "go on with the present code.",
             files,
         )
 

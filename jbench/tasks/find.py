@@ -104,7 +104,7 @@ def check_specs(name: str, recorded: Specs | None, accept_changed: bool = False)
 
     raise RequestError(
         f"The task {name} has changed since it was recorded: its {in_prose(fields, 'and')} differ; "
-        "use the task's code of then, or train again."
+        "use the task's code of that time, or train again."
     )
 
 

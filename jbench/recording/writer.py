@@ -21,9 +21,8 @@ from jbench.training.evaluation import derive_seeds, evaluate_policies
 from jbench.training.log import Clock, RunLog
 
 _COMMIT_EVERY = 15.0  # s
-# A run is complete after this share of its control steps. Gymnasium's vector environments spend a
-# step on each reset by default, so a loop of N steps makes up to N / 1001 control steps less.
 _COMPLETE = 0.99
+"""Share of its control steps after which a run is complete."""
 
 
 class KeptPolicy(NamedTuple):
@@ -95,8 +94,12 @@ class RunWriter:
 
     @property
     def _is_complete(self) -> bool:
-        """Whether nearly all planned control steps were made."""
-        return self.control_steps >= _COMPLETE * self._settings.steps
+        """Whether nearly all planned control steps were made.
+
+        Gymnasium's vector environments spend a step of the loop on each reset by default.
+        """
+        made = self.control_steps + self.log.progress.episodes
+        return made >= _COMPLETE * self._settings.steps
 
     def _finish(self) -> None:
         """Evaluates the kept policy unless it is older than the last evaluation; finishes the run.

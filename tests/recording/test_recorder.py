@@ -540,3 +540,19 @@ def test_place_and_unplanned_length_of_a_recording_are_noted(tmp_path, capfd):
         "runs are compared.",
         f"Recorded the run {recording.id} in {tmp_path}.",
     ]
+
+
+def test_loop_of_a_vector_environment_is_complete_however_early_episodes_end(tmp_path):
+    settings = {"algo": "mine", "seed": 0, "evaluate_episodes": 0}
+    random = np.random.default_rng(0)
+    with jbench.record("gym:Hopper-v5", steps=1000, results=tmp_path, **settings) as recording:
+        environments = gymnasium.vector.SyncVectorEnv([recording.env] * 2)
+        environments.reset()
+        for _ in range(500):
+            environments.step(random.uniform(-1, 1, (2, 3)).astype(np.float32))
+
+    run = Results(tmp_path).find("run", recording.id)
+    made = run.manifest.summary["steps_done"]
+    assert (run.status, made < 990) == ("finished", True)
+    # Each step of the loop was a control step or a reset, but for resets after the last step.
+    assert 1000 <= made + run.rows("episodes") <= 1002

@@ -245,7 +245,9 @@ POLICY_TASK = some_task(
 )
 ONE_TASK = some_task(None, help="Only this task.")
 ONE_ALGORITHM = Option(None, help="Only this algorithm.", autocompletion=lambda: ALGORITHMS)
-ONE_REPRESENTATION = Option(None, help="Only this representation: full, or one such as dae12.")
+ONE_REPRESENTATION = Option(
+    None, help="Only this representation, such as full or dae12, or all of a kind, such as dae."
+)
 ONE_STATUS = Option(None, help=f"Only runs of this status: {', '.join(names.STATUSES)}.")
 SOME_SEEDS = Option(None, "--seeds", "--seed", help="Only these seeds, such as 0-9 or 0,2,5-7.")
 POLICY = Argument(

@@ -51,8 +51,8 @@ def run_filters(
 ) -> dict[str, Collection[Any]]:
     """Returns the allowed values by field of a run's line; None allows every value.
 
-    The name of a kind, such as `planar`, means each representation of this kind. Raises a
-    RequestError if a value is known neither to jbench nor to a run of the results.
+    A representation is meant as by `representations_meant`. Raises a RequestError if a value is
+    known neither to jbench nor to a run of the results.
     """
     from jbench.report.request import representations_meant
     from jbench.store.listing import setting_values
@@ -68,8 +68,7 @@ def run_filters(
         meant = []
         if setting == "representation":
             held = setting_values(results, setting)
-            of_kind = [name for name in held if names.kind_in(name) == value]
-            meant = of_kind or representations_meant(value, held)
+            meant = representations_meant(value, held)
             value = names.FULL if value.lower() in names.NO_ENCODER else value
 
         filters[setting] = meant or [known_or_held(setting, value, [results])]

@@ -99,7 +99,7 @@ class OpenedResults:
             task: only this task.
             algo: only this algorithm.
             representation: only this one, by its whole name or by the one that reports show, such
-                as planar12 or planar.
+                as planar12 or planar, or all of a kind, such as dae.
 
         Returns:
             A row for each run: run, task, algo, representation, shown_representation (as reports
@@ -185,7 +185,7 @@ class OpenedResults:
 
 
 def _with_representation(source: sources.Source, typed: str) -> sources.Source:
-    """Returns the runs with a representation, by its whole name or the one that reports show."""
+    """Returns the runs with a representation; see `representations_meant` for its name."""
     known = sorted({str(name) for name in source.runs["representation"]})
     meant = representations_meant(typed, known)
     if not meant:

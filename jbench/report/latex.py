@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
+from jbench.report.latex_characters import escaped
 from jbench.report.numbers import SIGNS, Form, decimals, texts
 from jbench.report.table import TASK, Column, FrameRow, Table
 
@@ -23,57 +24,6 @@ _NAME_WIDTH = "7em"  # of them
 _SENTENCE = 40  # characters; a column with a longer text has sentences
 _SENTENCE_WIDTH = "14em"
 _DIGITS = 4  # of the largest number of a column with decimals
-
-_GREEK = [
-    "alpha",
-    "beta",
-    "gamma",
-    "delta",
-    "epsilon",
-    "zeta",
-    "eta",
-    "theta",
-    "iota",
-    "kappa",
-    "lambda",
-    "mu",
-    "nu",
-    "xi",
-    "",
-    "pi",
-    "rho",
-    "varsigma",
-    "sigma",
-    "tau",
-    "upsilon",
-    "phi",
-    "chi",
-    "psi",
-    "omega",
-]
-"""Commands of the letters from U+03B1 on, which pdflatex lacks; omicron has none."""
-
-_LATEX = str.maketrans(
-    {
-        **{chr(0x3B1 + place): f"$\\{name}$" for place, name in enumerate(_GREEK) if name},
-        "\N{GREEK CAPITAL LETTER DELTA}": r"$\Delta$",
-        "\N{GREEK CAPITAL LETTER SIGMA}": r"$\Sigma$",
-        "\N{GREEK CAPITAL LETTER OMEGA}": r"$\Omega$",
-        **{character: f"\\{character}" for character in "&%$#_{}"},
-        "~": r"\textasciitilde{}",
-        "^": r"\textasciicircum{}",
-        "\\": r"\textbackslash{}",
-        "<": r"\textless{}",
-        ">": r"\textgreater{}",
-        "|": r"\textbar{}",
-        '"': "''",
-        "✓": r"$\surd$",
-        "✗": r"$\times$",
-        "\N{EN DASH}": "--",
-        "[": "{[}",
-        "²": "$^2$",
-    }
-)
 
 
 @dataclass(frozen=True)
@@ -110,14 +60,14 @@ def to_latex(table: Table) -> str:
         if group:
             body += [
                 r"\midrule",
-                rf"\multicolumn{{{width}}}{{@{{}}l}}{{\emph{{{_latex(group)}}}}} {end}",
+                rf"\multicolumn{{{width}}}{{@{{}}l}}{{\emph{{{escaped(group)}}}}} {end}",
             ]
         body.append(f"{' & '.join(cells)} {end}")
 
     lines = [
         r"\begin{table}",
         r"\centering",
-        rf"\caption{{{_latex(f'{title} {table.explained(every)}')}}}",
+        rf"\caption{{{escaped(f'{title} {table.explained(every)}')}}}",
         rf"\label{{tab:{table.name.replace('_', '-')}}}",
         r"\footnotesize",
         r"\setlength{\tabcolsep}{3pt}",
@@ -147,21 +97,21 @@ def _texts(column: Column, rows: Sequence[FrameRow]) -> _Made:
     """Returns a column of texts; long ones have several lines."""
     shown = [column.text(row) for row in rows]
     longest = max(map(len, shown), default=0)
-    heading = _latex(column.title)
+    heading = escaped(column.title)
     if longest <= _LONG_NAME:
-        return _Made("l", heading, [*map(_latex, shown)])
+        return _Made("l", heading, [*map(escaped, shown)])
 
     width = _NAME_WIDTH if longest <= _SENTENCE else _SENTENCE_WIDTH
-    cells = [_breakable(text) if len(text) > _LONG_NAME else _latex(text) for text in shown]
+    cells = [_breakable(text) if len(text) > _LONG_NAME else escaped(text) for text in shown]
     return _Made(f"p{{{width}}}", heading, cells)
 
 
 def _numbers(column: Column, rows: Sequence[FrameRow]) -> _Made:
     """Returns a column of numbers, whose intervals are beside them."""
-    heading = _latex(column.title)
+    heading = escaped(column.title)
     form = column.one
     if form is None:
-        return _Made("r", heading, [_latex(column.text(row)) for row in rows])
+        return _Made("r", heading, [escaped(column.text(row)) for row in rows])
 
     places = _decimals(column, form, rows)
     shown = [("", "")] * len(rows)
@@ -170,9 +120,9 @@ def _numbers(column: Column, rows: Sequence[FrameRow]) -> _Made:
             shown[i] = texts(form, row[column.key], column.interval(row), places)
 
     if not any(interval for _, interval in shown):
-        return _Made("r", heading, [_latex(number) for number, _ in shown])
+        return _Made("r", heading, [escaped(number) for number, _ in shown])
 
-    cells = [f"{_latex(number)} & {_latex(interval)}" for number, interval in shown]
+    cells = [f"{escaped(number)} & {escaped(interval)}" for number, interval in shown]
     return _Made(r"r@{ }l", rf"\multicolumn{{2}}{{c}}{{{heading}}}", cells, width=2)
 
 
@@ -197,10 +147,4 @@ def _decimals(column: Column, form: Form, rows: Sequence[FrameRow]) -> int | Non
 def _breakable(text: str) -> str:
     """Returns a text in LaTeX that may break after signs within its words, not only at hyphens."""
     parts = re.split(r"(?<=[_=/:.,])(?=[^ ])", text)
-    return r"\raggedright " + r"\allowbreak{}".join(map(_latex, parts))
-
-
-def _latex(text: str) -> str:
-    """Returns a text in which no character is a command of LaTeX, and hyphens are no dash."""
-    parts = re.split(r"(?<=-)(?=-)", text)
-    return "{}".join(part.translate(_LATEX) for part in parts)
+    return r"\raggedright " + r"\allowbreak{}".join(map(escaped, parts))

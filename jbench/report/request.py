@@ -15,12 +15,19 @@ from jbench.names import (
     NO_ENCODER,
     Order,
     ReturnsName,
+    kind_in,
     known,
     shown_representation,
 )
 from jbench.settings.base import Settings
+from jbench.settings.code_words import CODE_WORDS
 
 WINDOW = 100  # episodes in a moving average (paper, Figures 8 and 9)
+_CODE = re.compile(
+    rf"(?P<word>{'|'.join(CODE_WORDS.values())})[ =]+(?P<checksum>[0-9a-f]+)( of [-0-9]+)?"
+)
+"""Users' code as names call it, or as a setting: `code 3f2a91 of 2026-11-28`, `code=3f2a91`."""
+
 _EXCLUSIVE = (
     ("compare", "baseline"),
     ("curves", "compare", "baseline", "since", "claims", "reference"),
@@ -28,7 +35,14 @@ _EXCLUSIVE = (
 
 
 def setting(typed: str) -> tuple[str, str]:
-    """Returns the name and value of a setting, typed as it, tables or `--encoder` call it."""
+    """Returns the name and value of a setting, typed as it, tables or `--encoder` call it.
+
+    Of users' code, the value is the beginning of a checksum; a date after it is not needed.
+    """
+    if match := _CODE.fullmatch(typed.strip()):
+        (name,) = (field for field, word in CODE_WORDS.items() if word == match["word"])
+        return name, match["checksum"]
+
     typed_name, _, value = (piece.strip() for piece in typed.partition("="))
     name = {"algorithm": "algo", "observation": "representation"}.get(typed_name, typed_name)
     if name == "encoder" and "/" not in value:  # no id
@@ -42,10 +56,12 @@ def representations_meant(typed: str, recorded: Iterable[str]) -> list[str]:
     """Returns which of the recorded representations a user means by a name.
 
     They are those of this whole name, such as planar12, and those that reports show by it, such as
-    planar. `none` is the full observation.
+    planar. The name of a kind that is the whole name of none, such as dae, means each
+    representation of this kind. `none` is the full observation.
     """
     wanted = FULL if typed.lower() in NO_ENCODER else typed
-    return [name for name in recorded if wanted in (name, shown_representation(name))]
+    named = [name for name in recorded if wanted in (name, shown_representation(name))]
+    return named or [name for name in recorded if kind_in(name) == wanted]
 
 
 def settings_typed(side: str) -> list[str]:

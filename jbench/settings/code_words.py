@@ -7,7 +7,8 @@ from typing import Any
 from jbench.settings.base import canonical_json
 from jbench.settings.recorded import Run
 
-_CODE_LENGTH = 6
+CODE_LENGTH = 6
+"""Characters of a checksum of users' code in names."""
 
 DATE = 10
 """Characters of a date, such as 2026-11-28."""
@@ -22,7 +23,7 @@ def code_word(name: str, value: Any, dates: Mapping[str, str]) -> str:
     if kind is None or not isinstance(value, str):
         return ""
     date = f" of {dates[value]}" if value in dates else ""
-    return f"{kind} {value[:_CODE_LENGTH]}{date}"
+    return f"{kind} {value[:CODE_LENGTH]}{date}"
 
 
 def code_dates(runs: Iterable[tuple[Run, object]]) -> dict[str, str]:

@@ -35,11 +35,15 @@ COST = ("task", "representation", "encoder", "encoder_draws", *VARIANT, "augment
 ENCODER_VARIANT = ("task", "kind", "latents", *SEED)
 """Encoders that differ only in these have the same options."""
 
-_IMPLIED = {
+CODE = {"model", "control_timestep", "compiled", "sources", "accepted"}
+"""Settings that may differ if users' code does: checksums of it, and what it makes of a robot."""
+
+_IMPLIED: dict[str, Collection[str]] = {
     "task": ("specs",),
     "representation": ("encoder", "encoder_draws", "ofe"),
     "algo": ("hyperparameters", "parallel", "package", "sources"),
     "augment": ("robots",),
+    **dict.fromkeys(("sources", "compiled", "accepted"), CODE),
 }
 """Settings that necessarily differ if another one does."""
 
@@ -146,8 +150,7 @@ def without_code(run: Run) -> Run:
         return run
     specs = run.specs
     if specs is not None:
-        plain = dict.fromkeys(("model", "control_timestep", "compiled", "sources"))
-        specs = specs.model_copy(update=plain)
+        specs = specs.model_copy(update=dict.fromkeys(CODE & type(specs).model_fields.keys()))
     own = dict.fromkeys({"sources", "accepted"} & type(run).model_fields.keys())
     return run.model_copy(update={**own, "specs": specs})
 

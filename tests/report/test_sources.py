@@ -75,6 +75,29 @@ class TestCompare:
         (one,) = Frames(fabric.results, Request(compare=compare)).comparisons.to_dict("records")
         assert (one["a"], one["difference"]) == ("algo=mine:Huber", 10)
 
+    @pytest.mark.parametrize(
+        "sides",
+        [
+            ("code=3f2a91", "code=77c0d2"),
+            ("code 3f2a91 of 2026-11-28", "code 77c0d2"),  # as names call it
+            ("algo=mine:Huber, code=3f2a91 of 2026-11-28", "algo=mine:Huber,code=77c0"),
+        ],
+    )
+    def test_versions_of_code_are_compared_by_what_names_call_them(self, sides, fabric):
+        for level, code in ((600.0, "3f2a91" + "0" * 58), (500.0, "77c0d2" + "0" * 58)):
+            fabric.flat([level] * 3, engine="batched", algo="mine:Huber", sources=code)
+        names = Frames(fabric.results, Request()).configurations["words"]
+        assert all(any(code in name for name in names) for code in ("code 3f2a91", "code 77c0d2"))
+        (one,) = Frames(fabric.results, Request(compare=sides)).comparisons.to_dict("records")
+        assert (one["a"], one["b"], one["difference"]) == (*sides, 100)
+
+    def test_unknown_version_of_code_is_refused_with_those_that_there_are(self, fabric):
+        fabric.run(FLAT, engine="batched", algo="mine:Huber", sources="3f2a91" + "0" * 58)
+        fabric.run(FLAT)
+        printed = r"No run has code=abc; there are 3f2a91\."
+        with pytest.raises(RequestError, match=printed):
+            Frames(fabric.results, Request(compare=("code=abc", "code=3f2a91")))
+
     def test_omitted_setting_is_compared_by_its_default(self, fabric):
         fabric.run(FLAT)
         fabric.run(FLAT + 10, precision="bfloat16")

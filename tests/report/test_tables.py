@@ -134,6 +134,22 @@ def test_latex_escapes_commands_in_names(name, written):
     assert rf"{written} & 1 \\" in to_latex(table(name=[name], n=[1]))
 
 
+@pytest.mark.parametrize(
+    ("name", "written"),
+    [
+        ("dae \N{ROCKET} fast", "dae U+1F680 fast"),
+        ("\u6a21\u578bA", "U+6A21U+578BA"),
+        ("Öl, caf\u00e9, cafe\u0301", r"\"{O}l, caf\'{e}, caf\'{e}"),
+        ("Šø ő ą \u1ebf", r"\v{S}ø \H{o} U+0105 U+1EBF"),
+        ("3 ± 1 µs → Γ…", r"3 $\pm$ 1 $\mu$s $\to$ $\Gamma$\ldots{}"),
+    ],
+)
+def test_characters_that_pdflatex_lacks_are_replaced(name, written):
+    text = to_latex(table(name=[name], n=[1]))
+    assert rf"{written} & 1 \\" in text
+    assert {c for c in text if not c.isascii()} <= {"ø"}
+
+
 def test_control_characters_and_formulas_reach_no_file():
     hostile = "=cmd|' /C calc'!A0\x07\x1b[2J\u202ex\nnew"
     assert clean(hostile) == "=cmd|' /C calc'!A0\ufffd\ufffd[2J\ufffdx new"

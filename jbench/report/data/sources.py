@@ -22,7 +22,7 @@ from jbench.report.data.points import PATHS, POINT, run_paths
 from jbench.report.data.source_names import FILE, IMPORTED, OWN
 from jbench.report.request import Request, representations_meant, setting, settings_typed
 from jbench.returns import EVALUATION
-from jbench.settings.code_words import encoder_words
+from jbench.settings.code_words import CODE_LENGTH, CODE_WORDS, encoder_words
 from jbench.settings.recorded import flatten, parse_run
 from jbench.settings.variants import value_text
 from jbench.statistics import BoolArray
@@ -223,7 +223,7 @@ def _have_settings(text: str, recorded: pd.Series) -> BoolArray:
     have = np.ones(len(flat), bool)
     for part in settings_typed(text):
         name, value = setting(part)
-        if not name or "=" not in part:
+        if not name or not (value or "=" in part):
             raise RequestError(
                 f"--compare {text}: there is no such directory; type two results directories, or "
                 "settings such as engine=sb3 engine=batched."
@@ -239,6 +239,9 @@ def _have_settings(text: str, recorded: pd.Series) -> BoolArray:
             raise RequestError(f"No run has a setting {name!r}; {others} {', '.join(short)}.")
         if name == "representation":
             wanted = representations_meant(value, known)
+        elif name in CODE_WORDS:
+            wanted = [shown for shown in known if shown.startswith(value)]
+            known = {shown[:CODE_LENGTH] for shown in known if shown != "null"}
         else:
             wanted = [shown for shown in known if _equal(value, shown)]
         if not wanted:

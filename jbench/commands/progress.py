@@ -14,7 +14,7 @@ from rich.progress import BarColumn, Progress, Task, TaskID
 from rich.table import Column, Table
 from rich.text import Text
 
-from jbench.commands.tables import shortened
+from jbench.commands.cells import shortened
 from jbench.wording import duration
 
 _SPARKLINE = 16  # characters

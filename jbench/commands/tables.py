@@ -1,7 +1,7 @@
 """Tables on a terminal: what gives way where it is narrower than they are.
 
-No number is ever cut, and no line breaks within a word. Until a table fits, these steps are taken
-in order:
+No number is ever cut, and no line breaks within a word, or within a value in brackets such as
+`[128, 128]`. Until a table fits, these steps are taken in order:
 
 1. Long texts wrap between words, and so do headings.
 2. The columns named `below` become lines under the table.
@@ -11,7 +11,6 @@ in order:
 6. Each row becomes a list with a line for each cell.
 """
 
-import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -22,12 +21,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-_NUMBER = re.compile(r"[-+]?[\d,.]+(e[-+]?\d+)?[%kM]?|nan|[-+]?inf|")
-_INTERVAL = re.compile(rf"(?:{_NUMBER.pattern})(?: \[[^\]]*\])?")
-_DIGITS = "0123456789.,"
+from jbench.commands.cells import INTERVAL, unbroken, without_middles, wrapped
 
-_UNBROKEN = 14  # characters of the longest text that is never wrapped: ? undecided
-_UNBROKEN_NUMBERS = 24  # one that begins with a number: 1,000,192 of 1,000,000
 _TEXT = 12  # least width of a column of longer texts
 _SHORTEST = 24  # characters that are kept of a long word, or more if two would become equal
 _SHORTEST_AT_ALL = 14  # where even the spare columns are left out
@@ -46,14 +41,14 @@ class _Column:
     @cached_property
     def is_number(self) -> bool:
         """Whether all cells are numbers or intervals, which are aligned to the right."""
-        return all(map(_INTERVAL.fullmatch, self.cells))
+        return all(map(INTERVAL.fullmatch, self.cells))
 
     @cached_property
     def least(self) -> int:
         """The width in which no number is cut and no word is broken."""
-        pieces = [piece for cell in self.cells for piece in _unbroken(cell)]
+        pieces = [piece for cell in self.cells for piece in unbroken(cell)]
         longest = max((cell_len(piece) for piece in (*self.name.split(), *pieces)), default=0)
-        is_text = any(len(_unbroken(cell)) > 1 for cell in self.cells)
+        is_text = any(len(unbroken(cell)) > 1 for cell in self.cells)
         return max(longest, min(self.natural, _TEXT)) if is_text else longest
 
     @cached_property
@@ -66,7 +61,7 @@ class _Column:
         """Returns the column with words of at most `limit` characters, if cells stay different."""
         different = len(set(self.cells))
         while limit < self.natural:
-            cells = [_shortened(cell, limit) for cell in self.cells]
+            cells = [without_middles(cell, limit) for cell in self.cells]
             if len(set(cells)) == different:
                 return _Column(self.name, cells)
             limit += 1
@@ -174,54 +169,6 @@ def _shortened_to_fit(columns: list[_Column], width: int, shortest: int) -> list
     return [column.shortened(fits) for column in columns]
 
 
-def _unbroken(cell: str) -> list[str]:
-    """Returns the parts of a cell that stay in one line."""
-    longest = _UNBROKEN_NUMBERS if cell[:1].isdigit() else _UNBROKEN
-    is_whole = len(cell) <= longest or _INTERVAL.fullmatch(cell)
-    return cell.splitlines() if is_whole else cell.split()
-
-
-def _shortened(cell: str, limit: int) -> str:
-    """Returns a cell whose long words lack their middle; numbers stay whole."""
-
-    def shorten(match: re.Match[str]) -> str:
-        word = match[0]
-        return word if _NUMBER.fullmatch(word.strip("[](),")) else shortened(word, limit)
-
-    return re.sub(r"\S+", shorten, cell)
-
-
-def shortened(word: str, limit: int) -> str:
-    """Returns a text of at most `limit` characters, whose ends are whole.
-
-    Of an id, the task is shortened first: what tells runs apart comes after it.
-    """
-    if cell_len(word) <= limit:
-        return word
-
-    task, _, rest = word.partition("/")
-    if "/" in rest:
-        room = limit - cell_len(rest) - 2
-        return f"{task[:room]}…/{rest}" if room >= 0 else f"…/{_without_middle(rest, limit - 2)}"
-
-    return _without_middle(word, limit)
-
-
-def _without_middle(word: str, limit: int) -> str:
-    """Returns a text of at most `limit` characters: both ends, none of them within a number."""
-    head = limit // 2
-    tail = len(word) - (limit - 1 - limit // 2)
-    while head and word[head - 1] in _DIGITS and word[head] in _DIGITS:
-        head -= 1
-
-    while tail < len(word) and word[tail - 1] in _DIGITS and word[tail] in _DIGITS:
-        tail += 1
-
-    short = f"{word[:head]}…{word[tail:]}"
-    # Wide characters take two places.
-    return short if cell_len(short) <= limit else _without_middle(word, limit - 1)
-
-
 def _margins(columns: int, gap: int = _NARROW_GAP) -> int:
     """Returns how much of a line the gaps between columns take."""
     return gap * max(columns - 1, 0) + 2
@@ -243,13 +190,14 @@ def _grid(layout: TableLayout, width: int) -> Table:
     """Returns a table with a line for each row."""
     padding = (0, 1, 0, layout.gap - _NARROW_GAP)
     grid = Table(header_style="bold", box=box.SIMPLE_HEAD, pad_edge=False, padding=padding)
-    for column, wide in zip(layout.columns, _widths(layout, width), strict=True):
+    widths = _widths(layout, width)
+    for column, wide in zip(layout.columns, widths, strict=True):
         grid.add_column(
             Text(column.name), justify="right" if column.is_number else "left", width=wide
         )
 
     for row in zip(*(column.cells for column in layout.columns), strict=True):
-        grid.add_row(*map(Text, row))
+        grid.add_row(*map(Text, map(wrapped, row, widths)))
 
     return grid
 
@@ -269,7 +217,7 @@ def _list(layout: TableLayout, width: int) -> Table:
     for row in zip(*(column.cells for column in values), strict=True):
         for column, cell in zip(layout.columns, row, strict=True):
             if cell:
-                grid.add_row(Text(column.name), Text(cell))
+                grid.add_row(Text(column.name), Text(wrapped(cell, room)))
         grid.add_section()
 
     return grid
@@ -281,8 +229,8 @@ def _print_below(console: Console, layout: TableLayout) -> None:
     for column in layout.below:
         for name, cell in zip(first.cells, column.cells, strict=True):
             if cell:
-                text = _shortened(f"{name}: {column.name}: {cell}", console.width)
-                console.print(Text(text))
+                text = without_middles(f"{name}: {column.name}: {cell}", console.width)
+                console.print(Text(wrapped(text, console.width)))
 
     if layout.left_out:
         names = ", ".join(layout.left_out)

@@ -118,9 +118,10 @@ def _character(character: str) -> str:
     if character.isascii() or character in _LETTERS:
         return character
 
-    base, *accents = unicodedata.normalize("NFD", character)
-    is_letter = base.isascii() and base.isalpha() and len(accents) == 1
-    if is_letter and accents[0] in _ACCENTS:
-        return f"{_ACCENTS[accents[0]]}{{{base}}}"
+    parts = unicodedata.normalize("NFD", character)
+    letter = parts[0]
+    accent = _ACCENTS.get(parts[1:])
+    if accent is not None and letter.isascii():
+        return f"{accent}{{{letter}}}"
 
     return f"U+{ord(character):04X}"

@@ -79,12 +79,16 @@ def _check(lines, width, title, header, rows, spare):
         # A number is not cut, not even within a long word.
         cut = re.compile(r"(?!(?<=\d)\d).+".join(pieces))
         assert any(cut.fullmatch(w) for w in whole)
+    for value in re.findall(r"\[[^\[\]]*\]", " ".join(cells)):
+        assert any(value in line for line in lines)
     for word in " ".join(cells).split():
         if re.fullmatch(r"[-+\[(]*[\d.,]+[\])%,kM]*", word):
             assert word in words
 
 
-@pytest.mark.parametrize("variant", ["", "learning_starts=20000, hidden_layers=[350,250]"])
+@pytest.mark.parametrize(
+    "variant", ["", "learning_starts=20000, hidden_layers=[128, 128], tau=0.01"]
+)
 def test_numbers_are_whole_with_and_without_variant(variant, check, printed):
     rows = [[RUN, "finished", "100", "2026-11-24 10:44", variant, 12.25, 136]]
     rows += [[OTHER, "finished", "1,000", "2026-11-24 10:44", "", 97, 527.5]]

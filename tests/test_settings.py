@@ -3,6 +3,7 @@
 import pytest
 
 from jbench.settings.algorithms import algorithm_settings, default_base
+from jbench.settings.defaults import foreign_differences
 from jbench.settings.recorded import Unreadable, alike, comparable, flatten, read_run
 from jbench.settings.records import ExternalSettings
 from jbench.settings.run import RunSettings
@@ -158,6 +159,21 @@ def test_cut_names_have_the_settings_that_differ():
     for tau, words in variant_words(runs).items():
         assert f"tau={tau}" in words
         assert sum("=" in word for word in words) == 4
+
+
+def test_hyperparameters_of_another_package_are_named_where_any_of_its_runs_differ():
+    """Their defaults are unknown, so a name with one representation does not say what differs."""
+    runs = {
+        name: full_run(representation=representation).model_copy(
+            update={"algo": "mine:Huber", "hyperparameters": {"tau": tau, "batch_size": 64}}
+        )
+        for name, representation, tau in (("a", "full", 0.01), ("b", "dae4", 0.02))
+    }
+    foreign = foreign_differences([*runs.values(), full_run(changes={"batch_size": 7})])
+    assert foreign == {"mine:Huber": {("hyperparameters", "tau")}}
+    for name, words in (("a", ["tau=0.01"]), ("b", ["tau=0.02"])):
+        assert variant_words({name: runs[name]}, elsewhere=foreign["mine:Huber"]) == {name: words}
+        assert variant_words({name: runs[name]}) == {name: []}
 
 
 def test_external_run_named_td3_has_only_its_hyperparameters():

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from jbench.store.run_line import RunLine
 
 
-_SPARE = ("created", "wall time", "returns", "variant", "episodes", "points", "steps", "status")
+_SPARE = ("created", "wall time", "returns", "episodes", "points", "steps", "status", "variant")
 """Columns that `runs` leaves out on a narrow terminal, the first one first."""
 
 

@@ -1,7 +1,7 @@
 """What was chosen for a run: its settings that are not the defaults of its task and algorithm."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -14,8 +14,15 @@ from jbench.settings.algorithms import (
     default_time_limit,
 )
 from jbench.settings.base import canonical_json, typed_default
-from jbench.settings.recorded import Run
+from jbench.settings.recorded import Flat, Run, flatten
+from jbench.settings.records import EXTERNAL
 from jbench.settings.run import TYPED, RunSettings
+
+HYPERPARAMETERS = "hyperparameters"
+"""The table of a run's settings that has those of its algorithm."""
+
+Path = tuple[str, ...]
+"""Where a setting is, as `flatten` has it."""
 
 BASE = "settings"
 """The option of `jbench train` that chooses a source of all hyperparameters."""
@@ -70,6 +77,32 @@ def chosen_paths(run: Run | Mapping[str, Any]) -> set[tuple[str, ...]]:
         paths |= set() if what.is_usual_base else {(BASE,)}
 
     return paths
+
+
+def foreign_differences(runs: Iterable[Run]) -> dict[str, set[Path]]:
+    """Returns the hyperparameters in which runs of an algorithm differ, by algorithm.
+
+    They are those of algorithms of other packages, whose defaults are unknown: where one of them
+    differs between two representations or tasks, the names of both have it.
+    """
+    recorded: dict[str, list[Flat]] = {}
+    for run in runs:
+        if run.algo not in SETTINGS or run.engine == EXTERNAL:
+            flat = {
+                path: value for path, value in flatten(run).items() if path[0] == HYPERPARAMETERS
+            }
+            recorded.setdefault(str(run.algo), []).append(flat)
+
+    return {algo: differing_paths(flats) for algo, flats in recorded.items()}
+
+
+def differing_paths(flats: Collection[Flat]) -> set[Path]:
+    """Returns the paths that do not have one value everywhere."""
+    return {
+        path
+        for path in dict.fromkeys(path for values in flats for path in values)
+        if len({json.dumps(values.get(path, ...), default=repr) for values in flats}) > 1
+    }
 
 
 def nearest_base(algo: str, hyperparameters: Mapping[str, Any], task: str) -> Base | None:

@@ -10,7 +10,7 @@ from typing import Any
 from jbench.names import TASKS
 from jbench.settings.algorithms import SETTINGS, algorithm_settings, default_base
 from jbench.settings.code_words import code_word
-from jbench.settings.defaults import BASE, chosen_paths, nearest_base
+from jbench.settings.defaults import BASE, Path, chosen_paths, differing_paths, nearest_base
 from jbench.settings.recorded import COMPARED, VARIANT, Flat, Run, alike, flatten
 from jbench.settings.run import RunSettings
 
@@ -57,6 +57,7 @@ def variant_words(
     settings: Mapping[str, Run],
     dates: Mapping[str, str] | None = None,
     encoders: Mapping[str, str] | None = None,
+    elsewhere: Collection[Path] = (),
 ) -> dict[str, list[str]]:
     """Returns the words that name variants of one algorithm and representation in legends.
 
@@ -70,6 +71,8 @@ def variant_words(
         settings: by variant.
         dates: of checksums of code.
         encoders: names of encoders by id, in place of the ids.
+        elsewhere: hyperparameters that are named even if all variants agree; see
+            `foreign_differences`.
     """
 
     def word(name: str, value: Any) -> str:
@@ -79,14 +82,19 @@ def variant_words(
     jitterbug = {v: run for v, run in settings.items() if getattr(run, "specs", None) is None}
     if jitterbug and len(jitterbug) < len(settings):  # their defaults are others
         others = {v: run for v, run in settings.items() if v not in jitterbug}
-        return variant_words(jitterbug, dates, encoders) | variant_words(others, dates, encoders)
+        return {
+            variant: words
+            for part in (jitterbug, others)
+            for variant, words in variant_words(part, dates, encoders, elsewhere).items()
+        }
 
     groups: dict[str, dict[str, Run]] = {}
     for variant, run in settings.items():
         groups.setdefault(alike(run, _SAME_NAME), {})[variant] = run
 
     first = dict(next(iter(group.items())) for group in groups.values())
-    words = _labels(first, word, (*_SAME_NAME, _WHOSE), in_words=True, always_named=True)
+    always = {variant: chosen_paths(run) | {*elsewhere} for variant, run in first.items()}
+    words = _labels(first, word, (*_SAME_NAME, _WHOSE), in_words=True, always=always)
     named: dict[str, list[str]] = {}
     for variant, group in zip(first, groups.values(), strict=True):
         for task in dict.fromkeys(run.task for run in group.values()):
@@ -143,24 +151,20 @@ def _labels(
     left_out: Collection[str] = VARIANT,
     *,
     in_words: bool = False,
-    always_named: bool = False,
+    always: Mapping[str, Collection[Path]] | None = None,
 ) -> dict[str, list[str]]:
     """Returns the words of labels of variants, made by a form of names and values.
 
-    If `in_words`, options of ours at their default are left out. If `always_named`, settings that
-    are not the defaults are in them even if all variants agree.
+    If `in_words`, options of ours at their default are left out. Of each variant, the settings in
+    `always` are named even if all variants agree.
     """
     flat = {v: _with_base(flatten(values), in_words) for v, values in settings.items()}
     if in_words:
         flat = _with_encoders(flat)
 
-    always = {v: chosen_paths(run) if always_named else set() for v, run in settings.items()}
+    always = always or {}
     paths = list(dict.fromkeys(path for values in flat.values() for path in values))
-    differing = {
-        path
-        for path in paths
-        if len({json.dumps(values.get(path, ...), default=repr) for values in flat.values()}) > 1
-    }
+    differing = differing_paths(flat.values())
     kept = differing.union(*always.values())
     named = [path for path in paths if path in kept and path[0] not in left_out]
     ends = Counter(path[-1] for path in named)
@@ -170,7 +174,7 @@ def _labels(
     has_all = True
     for variant, values in rows:
         texts = {path: form(names[path], values.get(path, ...)) for path in named}
-        for path in always[variant].intersection(named):
+        for path in {*always.get(variant, ())}.intersection(named, values):
             texts[path] = texts[path] or f"{names[path]}={_text(values[path])}"
 
         algo = values.get(("algo",))

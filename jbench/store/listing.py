@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from jbench.errors import WorkError
 from jbench.settings.code_words import code_dates, encoder_words
+from jbench.settings.defaults import foreign_differences
 from jbench.settings.recorded import Run, Unreadable, read_run
 from jbench.settings.variants import variant_words
 from jbench.store import schema
@@ -91,7 +92,11 @@ def _with_variants_in_words(
     has_encoders = any(record.settings.get("encoder") for record in records)
     trained = results.scan("encoder")[0] if has_encoders else []
     encoders = encoder_words((e.id, e.settings, e.manifest.created) for e in trained)
-    words = {names: variant_words(runs, dates, encoders) for names, runs in variants.items()}
+    foreign = foreign_differences(run for runs in variants.values() for run in runs.values())
+    words = {
+        names: variant_words(runs, dates, encoders, foreign.get(str(names[0]), ()))
+        for names, runs in variants.items()
+    }
 
     lines = []
     for _, line in listed:

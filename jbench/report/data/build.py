@@ -28,6 +28,7 @@ from jbench.report.data.points import (
 from jbench.report.data.source_names import OWN
 from jbench.returns import EVALUATION, TRAINING, diverged_return
 from jbench.settings.code_words import code_dates
+from jbench.settings.defaults import foreign_differences
 from jbench.settings.recorded import comparable, parse_run
 from jbench.settings.variants import variant_words
 from jbench.statistics import FloatArray
@@ -100,11 +101,11 @@ def build(
     dates = code_dates(zip(runs["typed"], runs["created"], strict=True))
 
     used, notes = _used(runs)
+    foreign = foreign_differences(used["typed"])
     built: list[Configuration] = []
-    for _, group in used.groupby(["algo", "representation"]):
-        words = variant_words(
-            dict(zip(group["settings_variant"], group["typed"], strict=True)), dates, encoders
-        )
+    for (algo, _), group in used.groupby(["algo", "representation"]):
+        variants = dict(zip(group["settings_variant"], group["typed"], strict=True))
+        words = variant_words(variants, dates, encoders, foreign.get(algo, ()))
         for _, same in group.groupby(["task", "variant"]):
             same = same.sort_values(_ORDER, ascending=_ASCENDING)
             code = codes[same.index[0]]

@@ -135,7 +135,7 @@ def sweep(
 
     output.document({"matrix": matrix, **document})
     if not dry_run:
-        training.check_failures(document["failures"], count)
+        training.check_failures(document["failures"], count, database)
         output.say(f"Next: {with_results('jbench report', results)}")
 
 

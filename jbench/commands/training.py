@@ -1,7 +1,7 @@
 """What train and sweep have in common: training with its progress, and what is said afterwards."""
 
 import sys
-from collections.abc import Callable, Sequence, Sized
+from collections.abc import Callable, Collection, Sequence, Sized
 from contextlib import ExitStack, redirect_stdout
 from functools import partial
 from typing import Any
@@ -68,11 +68,18 @@ def train_cells(
         return sweep(cells, results, make_executor, show, **options)
 
 
-def check_failures(failures: Sized, runs: int) -> None:
-    """Raises a WorkError if some of a number of runs have failed."""
-    if failures:
-        failed = f"{len(failures)} of {counted(runs, 'run')} failed"
-        raise WorkError(f"{failed}; --retry-failed tries again.")
+def check_failures(failures: Collection[str], runs: int, results: Results) -> None:
+    """Raises a WorkError if some of a number of runs have failed, of which these are the ids.
+
+    A run is not recorded as failed if only the disk or its encoder was at fault.
+    """
+    if not failures:
+        return
+
+    records = [results.find_readable("run", id) for id in failures]
+    is_recorded = any(record is not None and record.status == "failed" for record in records)
+    what = "--retry-failed" if is_recorded else "the same command"
+    raise WorkError(f"{len(failures)} of {counted(runs, 'run')} failed; {what} tries again.")
 
 
 def check_left(left: Sized, runs: int) -> None:
@@ -149,7 +156,7 @@ def show_outcome(runs: Sequence[RunSettings], results: Results, failures: dict[s
         output.say(f"Next: {with_results('jbench report', results.name)}")
 
     output.document({"runs": [run.id for run in runs], "left": left, "failures": failures})
-    check_failures(failures, len(runs))
+    check_failures(failures, len(runs), results)
     check_left(left, len(runs))
 
 

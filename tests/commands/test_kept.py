@@ -3,9 +3,11 @@
 import pytest
 
 from jbench.commands.kept import kept_encoders, kept_of_cells, kept_report, kept_steps
+from jbench.commands.training import check_failures
 from jbench.datasets import collect, find_dataset
 from jbench.encoders.states import States
 from jbench.encoders.training import train_encoder
+from jbench.errors import WorkError
 from jbench.store import Results
 from jbench.studies.matrix import read_matrix
 from jbench.sweeps.cell import matrix_cells
@@ -108,6 +110,17 @@ def test_what_is_kept_of_a_sweep_is_its_dataset_then_its_encoders_then_its_runs(
     assert kept_of_cells(cells, results) == some
     results.create("run", last.id, last.model_dump(mode="json")).finish({})
     assert kept_of_cells(cells, results) == "2 runs are finished."
+
+
+def test_run_that_failed_for_want_of_space_needs_no_option(cells, results):
+    (run, _) = cells[0].runs
+    record = results.create("run", run.id, run.model_dump(mode="json"))
+    # A full disk leaves it unfinished.
+    with pytest.raises(WorkError, match="1 of 2 runs failed; the same command tries again"):
+        check_failures([run.id], 2, results)
+    record.fail("its agent diverged")
+    with pytest.raises(WorkError, match="1 of 2 runs failed; --retry-failed tries again"):
+        check_failures([run.id], 2, results)
 
 
 def test_earlier_report_is_named_only_if_there_is_one(tmp_path):

@@ -105,7 +105,7 @@ def build(
     built: list[Configuration] = []
     for (algo, _), group in used.groupby(["algo", "representation"]):
         variants = dict(zip(group["settings_variant"], group["typed"], strict=True))
-        words = variant_words(variants, dates, encoders, foreign.get(algo, ()))
+        words = variant_words(variants, dates, encoders, foreign.get(str(algo), ()))
         for _, same in group.groupby(["task", "variant"]):
             same = same.sort_values(_ORDER, ascending=_ASCENDING)
             code = codes[same.index[0]]

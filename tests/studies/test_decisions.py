@@ -112,6 +112,23 @@ def test_mean_over_the_run_is_that_of_a_seed_alone(decided):
     assert outcome.decision.seeds == row["seeds"] == 5
 
 
+def test_means_over_the_run_of_other_evaluations_decide_nothing(decided):
+    """Their curves are equal, but the mean of the points from 20,000 on is higher."""
+
+    def fill(results, run, is_planar):
+        returns = {step: value + run.seed for step, value in RISING.items()}
+        if is_planar:
+            run = run.model_copy(update={"evaluate_every": 20_000})
+            returns = {step: returns[step] for step in (20_000, 40_000)}
+        finish(results, run, returns)
+
+    _, rows = decided("c", fill)
+    assert rows == []
+    # The final returns are of the same control step.
+    _, (row,) = decided("a", lambda *_: None)
+    assert row["difference"] == 0
+
+
 def test_runs_without_evaluations_are_decided_by_their_training_returns(decided):
     def fill(results, run, is_planar):
         finish(results, run, {}, TRAINED + run.seed + (300 if is_planar else 0))

@@ -140,7 +140,11 @@ def _decided(study: Sequence[StudyComparison]) -> Iterator[dict[str, Any]]:
 
 
 def _returns(by_kind: ByKind, arm: Arm, claim: str) -> dict[int, float | None]:
-    """Returns the returns of finished runs by seed: of evaluations, or without any of training."""
+    """Returns the returns of finished runs by seed: of evaluations, or without any of training.
+
+    Means over the run of different evaluations are not comparable, so a run that was not evaluated
+    as the arm says has None.
+    """
     returns: dict[int, float | None] = {}
     for kind in (TRAINING, EVALUATION):
         if kind in by_kind:
@@ -148,8 +152,14 @@ def _returns(by_kind: ByKind, arm: Arm, claim: str) -> dict[int, float | None]:
             usable = config.finished & (config.steps == arm.run.steps)
             for row in np.flatnonzero(usable):
                 points = config.returns[row, : config.lengths[row]]
+                is_alike = config.evaluate_every[row] == arm.run.evaluate_every
                 # Not those of `seed_scores`, which depend on the steps of the other seeds.
-                made = final_return(points, kind) if claim == "a" else mean_over_run(points)
+                if claim == "a":
+                    made = final_return(points, kind)
+                elif kind == TRAINING or is_alike:
+                    made = mean_over_run(points)
+                else:
+                    made = None
                 returns[int(config.seeds[row])] = made
 
     return returns

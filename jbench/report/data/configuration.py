@@ -48,6 +48,7 @@ class Configuration:
         last_step, longest: last control step that every seed has reached, or any.
         steps: (seeds,) control steps of training: as planned for finished runs, else up to the last
             episode.
+        evaluate_every: (seeds,) control steps between evaluations; 0 if they are unknown.
         trained: control steps of the shortest run, up to its last evaluation. For training returns
             they are those of training: the same for agents that were trained equally long, wherever
             their last episodes ended.
@@ -109,6 +110,7 @@ class Configuration:
         self.finished = (runs["status"] == "finished").to_numpy()
         self.draws = runs["encoder"].nunique()
         self.settings = first["typed"]
+        self.evaluate_every = [getattr(run, "evaluate_every", 0) for run in runs["typed"]]
         self.has_solved_return = has_solved_return([self.task], [source])
 
         self.lengths = self.lengths_up_to(np.inf)

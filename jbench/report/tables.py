@@ -99,7 +99,8 @@ def _final_returns(frames: Frames) -> Table:
         estimate(
             "over the run",
             "over_run",
-            note="Over the run: IQM of the mean return over all control steps.",
+            note="Over the run: IQM of the mean return from the first to the last control step at "
+            "which all seeds have returns; it compares agents for which these are the same.",
         ),
         estimate(
             "s", "s", note="s: standard deviation between agents, without that of the episodes."

@@ -4,12 +4,12 @@ import re
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal, NamedTuple, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from jbench.errors import RequestError
-from jbench.names import Status
+from jbench.names import REFERENCE, Status
 from jbench.settings.base import canonical_json
 from jbench.store import files
 from jbench.store.provenance import provenance, utc_now
@@ -90,6 +90,13 @@ class FileEntry(BaseModel):
     sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
 
 
+class Origin(NamedTuple):
+    """The record that another one was made of."""
+
+    kind: RecordKind
+    id: str
+
+
 class _Versioned(BaseModel):
     """The field that every version of a manifest has."""
 
@@ -131,6 +138,20 @@ class Manifest(BaseModel):
     def is_old(self) -> bool:
         """Whether tables may lack columns of this schema version."""
         return self.schema_version < SCHEMA_VERSION
+
+    @property
+    def origin(self) -> Origin | None:
+        """The record of the same results that this one was made of; None if there is none."""
+        if self.kind == "run" and self.settings.get("encoder") is not None:
+            return Origin("encoder", str(self.settings["encoder"]))
+        if self.kind == "encoder" and self.settings.get("dataset") is not None:
+            return Origin("dataset", str(self.settings["dataset"]))
+        if self.kind == "evaluation":
+            # Hand-written policies have no slash in their names, and shipped ones begin so.
+            policy = str(self.settings.get("policy"))
+            if "/" in policy and not policy.startswith(f"{REFERENCE}/"):
+                return Origin("run", policy)
+        return None
 
     @classmethod
     def new(cls, kind: RecordKind, id: str, settings: Json, made_on: Json) -> "Manifest":

@@ -18,13 +18,6 @@ from jbench.store.quarantine import Quarantine
 from jbench.store.record import Folder, Record
 from jbench.store.verify import ShowProgress, examine, no_progress
 
-_ORIGINS: dict[RecordKind, tuple[RecordKind, str]] = {
-    "encoder": ("dataset", "dataset"),
-    "run": ("encoder", "encoder"),
-    "evaluation": ("run", "policy"),
-}
-"""Of what a record was made, by its kind: the kind of that record, and the setting with its id."""
-
 MergeOutcome = Literal["copied", "replaced", "same", "kept", "refused"]
 """Outcome for a record: copied; replaced an unfinished one, which was set aside; the same except
 for times; kept because the existing record is more complete; or refused."""
@@ -114,17 +107,16 @@ def _merged(
     with results.locked(kind, id) as existing:
         if existing is not None:
             outcome = other.reading(partial(_choose, existing, other))
-        if outcome in ("copied", "replaced") and kind in _ORIGINS:
-            needed, setting = _ORIGINS[kind]
-            if (source, needed, origin := other.settings.get(setting)) in refused:
+        if outcome in ("copied", "replaced"):
+            origin = other.manifest.origin
+            if origin is not None and (source, *origin) in refused:
                 raise _OriginError(
-                    f"{other.path} was made with another {needed} {origin} than that of "
+                    f"{other.path} was made with another {origin.kind} {origin.id} than that of "
                     f"{results.path}, so it is not copied: jbench report --compare compares two "
                     "directories."
                 )
-        if outcome == "replaced":
-            quarantine.take_record(results.found(kind, id))
-        if outcome in ("copied", "replaced"):
+            if outcome == "replaced":
+                quarantine.take_record(results.found(kind, id))
             other.reading(partial(target.copy_from, other))
 
     return outcome

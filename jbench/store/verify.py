@@ -11,7 +11,6 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import NamedTuple
 
-from jbench.names import REFERENCE
 from jbench.settings.base import settings_hash
 from jbench.store import locks, record_files, schema
 from jbench.store.database import Results
@@ -146,31 +145,18 @@ def _check(folder: Folder) -> tuple[Record | None, list[Flaw]]:
 
 
 def _warnings(record: Record, intact: Collection[tuple[RecordKind, str]]) -> Iterator[Flaw]:
-    """Yields what is odd about an intact record: missing partners, dates in the future."""
-    for problem in (*_missing_partners(record, intact), *_odd_dates(record)):
+    """Yields what is odd about an intact record: a missing origin, dates in the future."""
+    for problem in (*_missing_origin(record, intact), *_odd_dates(record)):
         yield Flaw("warning", record.kind, record.id, record.path / MANIFEST, problem)
 
 
-def _missing_partners(record: Record, intact: Collection[tuple[RecordKind, str]]) -> Iterator[str]:
+def _missing_origin(record: Record, intact: Collection[tuple[RecordKind, str]]) -> Iterator[str]:
     """Yields a clause if the record without which this one is of no use is missing or damaged."""
-    settings = record.settings
-    kind: RecordKind
-    if record.kind == "run":
-        kind = "encoder"
-        id = settings.get("encoder")
-    elif record.kind == "encoder" and record.status != "finished":
-        kind = "dataset"
-        id = settings.get("dataset")
-    elif record.kind == "evaluation":
-        # The name of a hand-written policy has no slash; that of a shipped run begins with this.
-        policy = str(settings.get("policy"))
-        kind = "run"
-        id = policy if "/" in policy and not policy.startswith(f"{REFERENCE}/") else None
-    else:
-        return
-
-    if id is not None and (kind, str(id)) not in intact:
-        yield f"names the {kind} {id}, which is not intact in these results"
+    origin = record.manifest.origin
+    if record.kind == "encoder" and record.status == "finished":
+        return  # it does not need its dataset any more
+    if origin is not None and origin not in intact:
+        yield f"names the {origin.kind} {origin.id}, which is not intact in these results"
 
 
 def _odd_dates(record: Record) -> Iterator[str]:

@@ -9,7 +9,7 @@ from jbench.store.code import check_code
 from jbench.store.planned import Planned
 
 
-def plan_dataset(settings: DatasetSettings, results: Results) -> Planned:
+def plan_dataset(settings: DatasetSettings, results: Results) -> Planned[DatasetSettings]:
     """Returns settings with the id of a recorded dataset of the same code, if there is one."""
     return find_layout(settings.robot).plan(settings, results)
 

@@ -79,7 +79,7 @@ class DatasetLayout(ABC):
         """Returns what records note of the robot, see `tasks.find.episode_provenance`."""
         return {}
 
-    def plan(self, settings: DatasetSettings, results: Results) -> Planned:
+    def plan(self, settings: DatasetSettings, results: Results) -> Planned[DatasetSettings]:
         """Returns settings with the id of a recorded dataset of the same code, if there is one."""
         return Planned(settings, [])
 

@@ -45,7 +45,7 @@ class OtherLayout(DatasetLayout):
         """Returns whether the task's episodes do not repeat."""
         return episode_provenance(self.task)
 
-    def plan(self, settings: DatasetSettings, results: Results) -> Planned:
+    def plan(self, settings: DatasetSettings, results: Results) -> Planned[DatasetSettings]:
         """Returns settings with the id of a recorded dataset of the same code, if there is one."""
         return planned(settings, results.scan("dataset")[0], self.code(), ("seed", "steps"))
 

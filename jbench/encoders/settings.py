@@ -25,8 +25,8 @@ from jbench.encoders.registry import (
 from jbench.errors import RequestError
 from jbench.names import EncoderBase
 from jbench.settings.base import (
+    RecordSettings,
     Seed,
-    Settings,
     in_id,
     omissible,
     settings_hash,
@@ -36,7 +36,7 @@ from jbench.settings.base import (
 from jbench.tasks.find import find_task
 
 
-class EncoderSettings(Settings):
+class EncoderSettings(RecordSettings):
     """Settings that identify an encoder."""
 
     kind: str = "dae"

@@ -28,7 +28,7 @@ from jbench.store.planned import Planned, planned
 from jbench.store.provenance import device_provenance
 
 
-def plan_encoder(settings: EncoderSettings, results: Results) -> Planned:
+def plan_encoder(settings: EncoderSettings, results: Results) -> Planned[EncoderSettings]:
     """Returns settings with the id of a recorded encoder of the same code, if there is one."""
     if settings.kind in ENCODER_KINDS:
         return Planned(settings, [])

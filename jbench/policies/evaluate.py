@@ -31,7 +31,9 @@ def evaluation_code(task: str, policy: str) -> dict[str, Any]:
     return {**policy_provenance(policy), **code_provenance(task)}
 
 
-def plan_evaluation(settings: EvaluationSettings, results: Results, name: str) -> Planned:
+def plan_evaluation(
+    settings: EvaluationSettings, results: Results, name: str
+) -> Planned[EvaluationSettings]:
     """Returns settings with the id of a recorded evaluation of the same code, if there is one."""
     now = evaluation_code(settings.task, name)
     if not is_known(now) or settings.accepted is not None:

@@ -47,6 +47,15 @@ class Settings(BaseModel):
         return {name: field.default for name, field in fields if field.exclude_if is not None}
 
 
+class RecordSettings(Settings):
+    """Settings of a record, of which its id is made."""
+
+    @property
+    def id(self) -> str:
+        """The id of the record."""
+        raise NotImplementedError
+
+
 def _is_finite(value: Any) -> bool:
     """Returns whether a value of JSON has no number that is infinite or NaN."""
     if isinstance(value, Mapping | list | tuple):

@@ -19,6 +19,7 @@ from jbench.names import (
 )
 from jbench.settings.base import (
     Count,
+    RecordSettings,
     Seed,
     Settings,
     in_id,
@@ -117,7 +118,7 @@ JITTERBUG = "jitterbug"  # robot of a dataset that serves all five tasks
 _AUGMENT = "seed of an augmented robot (default: the plain robot)"
 
 
-class DatasetSettings(Settings):
+class DatasetSettings(RecordSettings):
     """Settings that identify a dataset."""
 
     policy: str = "random"
@@ -156,7 +157,7 @@ class DatasetSettings(Settings):
         return f"{robot}{self.policy}/s{self.seed:02d}-{self.hash}"
 
 
-class EvaluationSettings(Settings):
+class EvaluationSettings(RecordSettings):
     """Settings that identify an evaluation."""
 
     task: str
@@ -213,7 +214,7 @@ class Labels(Settings):
         )
 
 
-class LabeledSettings(Labels):
+class LabeledSettings(Labels, RecordSettings):
     """Base class of the settings of runs, recorded training loops and imported curves."""
 
     seed: Seed

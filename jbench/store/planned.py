@@ -6,16 +6,17 @@ to have changed; so old runs are not trained again, and more seeds join them.
 """
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple, TypeVar
+from dataclasses import dataclass
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from pydantic import ValidationError
 
-from jbench.settings.base import Settings, canonical_json
+from jbench.settings.base import RecordSettings, Settings, canonical_json
 from jbench.store.code import ROBOT_NAME, Code, changed_files, date_of, have_changed
 from jbench.store.record import Record
 from jbench.wording import counted
 
-_Settings = TypeVar("_Settings", bound=Settings)
+_Settings = TypeVar("_Settings", bound=RecordSettings)
 
 _CODE = ("sources", "compiled")
 _ROBOT = ("model", "control_timestep")
@@ -28,16 +29,29 @@ class Changed(NamedTuple):
     files: tuple[str, ...]
 
 
-class Planned(NamedTuple):
+class Planned(NamedTuple, Generic[_Settings]):
     """The settings of a new or existing record, and the records of changed code, oldest first."""
 
-    settings: Any
+    settings: _Settings
     changed: list[Changed]
+
+
+@dataclass(frozen=True)
+class _SameCode:
+    """Records that differ from each other in free settings only.
+
+    Attributes:
+        code: their checksums of code; see `_parts`.
+        ids: of the records.
+    """
+
+    code: dict[str, Any]
+    ids: set[str]
 
 
 def planned(
     settings: _Settings, records: Iterable[Record], now: Code, free: Collection[str] = ()
-) -> Planned:
+) -> Planned[_Settings]:
     """Returns settings with the checksums of code that the records of the same code have.
 
     Args:
@@ -46,9 +60,8 @@ def planned(
         now: provenance of the present code.
         free: names of settings in which records may differ and still be of one configuration.
     """
-    groups = dict[str, list[Record]]()
+    groups = dict[str, _SameCode]()
     changed = list[Changed]()
-    codes = dict[str, dict[str, Any]]()
     mine = _configuration(settings, free)
     for record in records:
         other = _read(settings, record)
@@ -60,22 +73,20 @@ def planned(
         if files:
             changed.append(Changed(record, tuple(files)))
         code = _parts(other, _CODE)
-        codes[canonical_json(code)] = code
-        groups.setdefault(canonical_json(code), []).append(record)
+        group = groups.setdefault(canonical_json(code), _SameCode(code, set()))
+        group.ids.add(record.id)
 
     different = {entry.record.id for entry in changed}
-    for key, members in reversed(groups.items()):
-        candidate = _with_code(settings, codes[key])
-        exists = any(record.id == candidate.id for record in members)  # type: ignore[attr-defined]
-        same = [record.id not in different for record in members]
-        is_own = exists and candidate.id not in different  # type: ignore[attr-defined]
-        if is_own or all(same):
+    for group in reversed(groups.values()):
+        candidate = _with_code(settings, group.code)
+        is_own = candidate.id in group.ids and candidate.id not in different
+        if is_own or group.ids.isdisjoint(different):
             return Planned(candidate, changed)
 
     return Planned(settings, changed)
 
 
-def say_changed(plans: Iterable[Planned], existing: Collection[str]) -> Iterator[str]:
+def say_changed(plans: Iterable[Planned[Any]], existing: Collection[str]) -> Iterator[str]:
     """Yields `sentences` for those plans whose records do not exist yet."""
     new = [plan for plan in plans if plan.settings.id not in existing]
     yield from sentences([*{c.record.id: c for plan in new for c in plan.changed}.values()])

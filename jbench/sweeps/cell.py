@@ -147,5 +147,4 @@ def _encoder(
         dataset=dataset.id,
         seed=0 if matrix.encoder.seed == "each" else matrix.encoder.seed,
     )
-    encoder: EncoderSettings = plan_encoder(present, results).settings
-    return encoder
+    return plan_encoder(present, results).settings

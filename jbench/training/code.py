@@ -71,7 +71,7 @@ def plan_runs(
     others = dict[str, Changed]()
     for run in runs:
         plan = planned(run, records, now, free)
-        settings: RunSettings = plan.settings
+        settings = plan.settings
         if settings.id not in existing:
             others |= {entry.record.id: entry for entry in plan.changed}
             origin = _origin(run, plan.changed)

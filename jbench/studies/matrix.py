@@ -20,7 +20,7 @@ PART = "part"
 COMPARISON = "comparison"
 """Keys of a file whose values are arrays of tables; all others are those of a `Matrix`."""
 
-_EVALUATION = "evaluate_"
+OF_EVALUATION = "evaluate_"
 """Beginning of the fields of `RunSettings` that are keys of the table [evaluation]."""
 
 # TOML has lists; tuples are immutable.
@@ -43,12 +43,12 @@ def _keys(kind: type[Settings], *fields: str) -> Any:
         field = kind.model_fields[name]
         # TOML parses 5e6 as a float.
         type_: Any = Annotated[field.annotation, *field.metadata, BeforeValidator(whole)]
-        key = (field.title or name).removeprefix(_EVALUATION)
+        key = (field.title or name).removeprefix(OF_EVALUATION)
         keys[key] = type_, typed_default(field)
     return create_model("Keys", __base__=Settings, **keys)
 
 
-_Evaluation = _keys(RunSettings, *(name for name in TYPED if name.startswith(_EVALUATION)))
+_Evaluation = _keys(RunSettings, *(name for name in TYPED if name.startswith(OF_EVALUATION)))
 _Dataset = _keys(DatasetSettings, "steps", "seed")
 
 
@@ -84,7 +84,7 @@ class EncoderPart(Settings):
     ] = Field(default_factory=dict)
 
 
-class Matrix(_keys(RunSettings, *(n for n in TYPED if not n.startswith(_EVALUATION)))):  # type: ignore[misc]
+class Matrix(_keys(RunSettings, *(n for n in TYPED if not n.startswith(OF_EVALUATION)))):  # type: ignore[misc]
     """Content of a file, or of a part of it; `docs/sweeps.md` lists the keys."""
 
     name: Annotated[str, Field(pattern=LABEL)] | None = None  # of a part, for --only
@@ -106,7 +106,7 @@ class Matrix(_keys(RunSettings, *(n for n in TYPED if not n.startswith(_EVALUATI
         """Fields of `RunSettings` that are the same in all runs."""
         keys = self.model_dump()
         for key, value in keys["evaluation"].items():
-            keys[f"{_EVALUATION}{key}"] = value
+            keys[f"{OF_EVALUATION}{key}"] = value
         return {name: keys[RunSettings.model_fields[name].title or name] for name in TYPED}
 
 

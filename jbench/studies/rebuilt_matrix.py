@@ -11,8 +11,8 @@ from jbench.settings.base import canonical_json, in_id
 from jbench.settings.recorded import SEED, Run, alike, read_run
 from jbench.settings.run import TYPED, RunSettings
 from jbench.studies.file import NULL
+from jbench.studies.matrix import OF_EVALUATION
 
-_EVALUATION = "evaluate_"
 _OWN = ("tasks", "algos", "representations", "seeds", "encoder", "ofe")
 """Keys of a part that are never written once for all parts."""
 
@@ -92,7 +92,7 @@ def _part(group: SameSettings, encoders: Encoders) -> dict[str, Any]:
     fields = RunSettings.model_fields
     for name in TYPED:
         value = getattr(run, name)
-        if not name.startswith(_EVALUATION) and value != fields[name].default:
+        if not name.startswith(OF_EVALUATION) and value != fields[name].default:
             part[fields[name].title or name] = value
 
     part["steps"] = run.steps

@@ -1,7 +1,7 @@
 """Learning curves in the form of runs: imported ones, and those of any environment in one file."""
 
 import json
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -25,10 +25,22 @@ _PROVENANCE = ("jbench", "python", "git_revision", "command")
 _RUN = ["task", "method", "seed"]
 
 
-def as_runs(
-    imports: pd.DataFrame, points: pd.DataFrame
-) -> tuple[dict[str, pa.Table], list[str], list[str]]:
-    """Returns tables of runs from the rows of `imports` and `import_points`; notes and problems.
+class ImportedRuns(NamedTuple):
+    """Imported curves as runs.
+
+    Attributes:
+        tables: `runs`, `episodes` and `evaluations`.
+        notes: sentences on all of them.
+        problems: a sentence for each import that is no run.
+    """
+
+    tables: dict[str, pa.Table]
+    notes: list[str]
+    problems: list[str]
+
+
+def as_runs(imports: pd.DataFrame, points: pd.DataFrame) -> ImportedRuns:
+    """Returns the rows of `imports` and `import_points` as those of runs.
 
     The training and the evaluation returns of a seed become one run. Of several curves of the same
     kind, the longest is used.
@@ -59,14 +71,17 @@ def as_runs(
     known: list[Any] = runs[_SEED].astype(dict.fromkeys(_LABELS, str)).to_dict("records")
     recorded = map(json.loads, runs["provenance"])
     kept = [{name: made[name] for name in _PROVENANCE if name in made} for made in recorded]
-    texts = {"settings": list(map(json.dumps, known)), "provenance": list(map(json.dumps, kept))}
-    runs = runs.assign(variant=list(map(variant, known)), **texts)
+    runs = runs.assign(
+        variant=list(map(variant, known)),
+        settings=list(map(json.dumps, known)),
+        provenance=list(map(json.dumps, kept)),
+    )
 
     rows = {"runs": to_table(runs, schema.TABLES["runs"])}
     for name, kind in _RETURNS.items():
         rows[name] = to_table(named[named["returns"] == kind], schema.TABLES[name])
 
-    return rows, _notes(frame, chosen), problems
+    return ImportedRuns(rows, _notes(frame, chosen), problems)
 
 
 def _notes(frame: pd.DataFrame, chosen: pd.DataFrame) -> list[str]:

@@ -87,11 +87,12 @@ def imported(results: Results, request: Request, name: str = IMPORTED) -> Source
     """Returns the imported curves of the requested task and algorithm; they have no date."""
     request = request.model_copy(update={"since": None})
     tables, problems = read_tables(results, ("imports", "import_points"))
-    imports, points = (tables[n].to_pandas(use_threads=False) for n in ("imports", "import_points"))
-    runs, notes, unusable = as_runs(_filtered(imports, request, strict=False)[0], points)
-    source = _source(Tables(runs, problems + unusable), request, name, strict=False)
+    imports = tables["imports"].to_pandas(use_threads=False)
+    points = tables["import_points"].to_pandas(use_threads=False)
+    made = as_runs(_filtered(imports, request, strict=False)[0], points)
+    source = _source(Tables(made.tables, problems + made.problems), request, name, strict=False)
     if source.configurations:
-        source.notes += notes
+        source.notes += made.notes
 
     _compare_over_run(source.configurations)
     return source
@@ -107,8 +108,8 @@ def own_and_imported(results: Results, request: Request) -> Source:
 def from_file(request: Request, path: Path) -> Source:
     """Returns the curves of a file, or of a folder, of the requested task and algorithm."""
     file = read_curves(path, request.returns)
-    runs, _, problems = as_runs(*as_imports(file.points, request.returns))
-    source = _source(Tables(runs, problems), request, FILE)
+    made = as_runs(*as_imports(file.points, request.returns))
+    source = _source(Tables(made.tables, made.problems), request, FILE)
     source.notes += file.notes
     _compare_over_run(source.configurations)
     return source

@@ -1,4 +1,4 @@
-"""Base classes of the kinds of encoders.
+"""What an author of a kind of encoder needs: its base classes, layers, tanh and noise.
 
 A kind is a class whose fields are its options and whose methods are pure functions of named
 weights. Learned kinds are trained by the loop in `loop.py`, the others are fitted to the states.

@@ -21,7 +21,7 @@ from typing import NamedTuple, get_args
 from jbench.names import ONE_THREAD, Base
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.run import RunSettings
-from jbench.sweeps.scheduler import batches
+from jbench.sweeps.batches import batches
 from jbench.training.engines import seconds_per_step
 
 SEEDS = 10

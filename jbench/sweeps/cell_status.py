@@ -18,6 +18,7 @@ from jbench.settings.recorded import COST, SEED, alike, read_run
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
 from jbench.store.provenance import processor
+from jbench.sweeps.batches import batches
 from jbench.sweeps.cell import Cell
 from jbench.tasks.find import checked_task, find_task
 from jbench.training import engines
@@ -68,11 +69,13 @@ def cell_statuses(
 ) -> list[CellStatus]:
     """Returns the status of each cell, with the estimated time left on this machine.
 
-    The estimate is from similar finished runs in the results; if `quick`, algorithms without any
-    are measured, which takes seconds. `jobs` is the number of processes at a time, `device` that of
-    the batched engine.
+    If `quick`, the speed is measured here, which takes seconds for each algorithm. Where it can't
+    be, it is that of similar finished runs in the results: they may be of a machine with the same
+    name that is slower. `jobs` is the number of processes at a time, `device` that of the batched
+    engine.
     """
-    estimates = _measured(results, device)
+    recorded = _recorded(results, device)
+    measured: dict[tuple[str, int], _Estimate | None] = {}
     all_statuses = []
     for cell in cells:
         statuses = [run_status(run, results) for run in cell.runs]
@@ -82,10 +85,14 @@ def cell_statuses(
 
         exactly = alike(cell.runs[0], SEED)
         about = alike(cell.runs[0], COST)
-        if left and quick and exactly not in estimates and about not in estimates:
-            estimates[about] = _quick_measurement(cell.runs, device)
+        shape = about, cell.runs[0].steps  # the share of evaluations depends on the steps
+        if left and quick and shape not in measured:
+            pairs = zip(cell.runs, states, strict=True)
+            unfinished = [run for run, state in pairs if state != "finished"]
+            measured[shape] = _quick_measurement(unfinished, jobs, device)
 
-        estimate = estimates.get(exactly) or estimates.get(about) or _UNKNOWN
+        known = (measured.get(shape), recorded.get(exactly), recorded.get(about))
+        estimate = next(filter(None, known), _UNKNOWN)
         seconds = estimate.seconds
         all_statuses.append(
             CellStatus(
@@ -198,10 +205,13 @@ def _available() -> int | None:
 def _evaluating(run: RunSettings, seconds: float, device: str) -> float:
     """Returns the share of a run's time that its evaluations take."""
     steps = engines.evaluation_steps(run)
-    return 0.0 if steps <= 1 else min(1.0, steps * engines.stepping(run, device) / seconds)
+    if steps <= 1:
+        return 0.0
+    stepping = engines.stepping(run, run.evaluate_episodes, device=device)
+    return min(1.0, steps * stepping / seconds)
 
 
-def _measured(results: Results, device: str) -> dict[str, _Estimate]:
+def _recorded(results: Results, device: str) -> dict[str, _Estimate]:
     """Returns estimates from finished runs here, by their keys `alike` for SEED and for COST."""
     seconds: dict[str, list[float]] = {}
     for record in results.scan("run")[0]:
@@ -213,6 +223,8 @@ def _measured(results: Results, device: str) -> dict[str, _Estimate]:
             with contextlib.suppress(TypeError):  # manifests of others may hold anything
                 # The runs of a process share a core, and each records the whole time.
                 per_step = time / steps / (summary.get("together") or 1)
+                if device == "cpu" and summary.get("processor_time"):
+                    per_step = summary["processor_time"] / steps  # without other work
                 for free in (SEED, COST):
                     seconds.setdefault(alike(run, free), []).append(per_step)
 
@@ -233,16 +245,15 @@ def _was_made_here(record: Record, device: str) -> bool:
     )
 
 
-def _quick_measurement(runs: Sequence[RunSettings], device: str) -> _Estimate:
-    """Returns an estimate from temporary agents of the runs; unknown if they can't be made."""
+def _quick_measurement(runs: Sequence[RunSettings], jobs: int, device: str) -> _Estimate | None:
+    """Measures temporary agents, as many as the largest process trains; None if it can't be."""
     checked_task(runs[0].task)
-    # On a GPU the seeds are trained as one stack.
-    together = runs[:1] if device == "cpu" else runs
+    together = batches(runs, jobs, device)[0]
     try:
         with one_thread():
             seconds = engines.seconds_per_step(together, device) / len(together)
         return _Estimate(seconds, "a quick measurement")
     except (RequestError, WorkError, RuntimeError):
-        return _UNKNOWN
+        return None
     finally:
         torch.cuda.empty_cache()  # the runs need the memory; without a GPU it does nothing

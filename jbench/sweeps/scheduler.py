@@ -15,14 +15,11 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import TypeAlias
 
-import numpy as np
-
-from jbench.settings.engines import ENGINES
-from jbench.settings.recorded import SEED, alike
 from jbench.settings.run import RunSettings
 from jbench.store import Results, locks
 from jbench.store.files import make_directory
 from jbench.store.follow import POLL_SECONDS
+from jbench.sweeps.batches import batches
 from jbench.sweeps.cell import Cell, all_runs, with_runs
 from jbench.sweeps.cell_status import cell_statuses, forecast, memory_sentence
 from jbench.sweeps.executors import Local, Ray
@@ -131,25 +128,6 @@ def sweep(
         pool.shutdown(wait=False, cancel_futures=True)
         executor.stop()
         pool.shutdown()
-
-
-def batches(runs: Sequence[RunSettings], jobs: int, device: str) -> list[list[RunSettings]]:
-    """Returns the runs of each process.
-
-    On a CPU the seeds of a configuration are divided among `jobs` processes. On a GPU they are one
-    stack in one process. A run of an engine that takes one seed has its own process.
-    """
-    configurations: dict[str, list[RunSettings]] = {}
-    for run in runs:
-        key = alike(run, SEED) if ENGINES[run.engine].takes_many_seeds else run.id
-        configurations.setdefault(key, []).append(run)
-
-    most = jobs if device == "cpu" else 1
-    return [
-        [seeds[i] for i in part]
-        for seeds in configurations.values()
-        for part in np.array_split(range(len(seeds)), min(most, len(seeds)))
-    ]
 
 
 def forecasts(cells: Sequence[Cell], results: Results, jobs: int, device: str) -> Iterator[str]:

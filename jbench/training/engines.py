@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jbench.agents.algorithms import hyperparameters
 from jbench.agents.batched.engine import BatchedEngine
@@ -31,7 +32,7 @@ _STEPS = 300
 """Control steps of a measurement of the speed without training."""
 
 _UPDATES = 40
-"""Updates of a measurement of the speed of training."""
+"""Updates of a measurement of the speed of training, over all seeds."""
 
 
 def make_trainer(
@@ -122,13 +123,12 @@ def seconds_per_step(
     if not isinstance(algorithm, AlgorithmSettings):
         raise WorkError(f"The speed of {settings.algo} is not measured.")
 
-    idle = len(runs) * stepping(settings, device, clock)
-    evaluating = evaluation_steps(settings) * idle
     count = settings.environments
+    idle = len(runs) * stepping(settings, len(runs) * count, device=device, clock=clock)
     if settings.last_step < algorithm.first_update:
-        return idle + evaluating  # it ends before it learns
+        return (1 + evaluation_steps(settings)) * idle  # it ends before it learns
 
-    short = algorithm.measurement(count, device, _UPDATES)
+    short = algorithm.measurement(count, device, max(1, _UPDATES // len(runs)))
     changed = {**settings.hyperparameters, **short.changes}
     measured = [run.model_copy(update={"hyperparameters": changed}) for run in runs]
     with make_trainer(measured, [None] * len(runs), device) as engine:
@@ -148,8 +148,12 @@ def seconds_per_step(
         engine.train(short.first + unmeasured + short.rollout, after_step)
         learning = (clock() - began) / (engine.control_steps - before)
 
+        alone = ENGINES[settings.engine].has_one_stream
+        robots = 1 if alone else len(runs) * max(1, settings.evaluate_episodes)
+        evaluated = len(runs) * stepping(settings, robots, engine.act, device=device, clock=clock)
+
     share = learning_share(settings)
-    return evaluating + share * learning + (1 - share) * idle
+    return share * learning + (1 - share) * idle + evaluation_steps(settings) * evaluated
 
 
 def learning_share(settings: RunSettings) -> float:
@@ -171,21 +175,32 @@ def evaluation_steps(settings: RunSettings) -> float:
 
 def stepping(
     settings: RunSettings,
+    robots: int,
+    act: Act | None = None,
+    *,
     device: str = "cpu",
     clock: Callable[[], float] = time.perf_counter,
 ) -> float:
-    """Returns the seconds per control step without training, with a robot on each thread."""
+    """Returns the seconds per control step of one of several robots side by side.
+
+    They do nothing without a policy `act`. On a GPU there is a robot on each thread.
+    """
     task = find_task(settings.task)
     threads = 1
     if device != "cpu" and ENGINES[settings.engine].is_for_gpu:
         threads = cores()
-    actions = np.zeros((threads, task.action_size), np.float32)
-    with task.worlds(threads, threads, settings.augment) as worlds:
-        worlds.reset([np.random.default_rng(0)] * threads)
+        robots = max(robots, threads)
+
+    steps = max(1, _STEPS // robots)
+    actions: NDArray[np.floating] = np.zeros((robots, task.action_size), np.float32)
+    with task.worlds(robots, threads, settings.augment) as worlds:
+        observations = worlds.reset([np.random.default_rng(0)] * robots)
         began = clock()
-        for _ in range(_STEPS // threads):
-            worlds.step(actions)
+        for _ in range(steps):
+            if act is not None:
+                actions = act(observations)
+            observations, _rewards = worlds.step(actions)
             worlds.check()
             if worlds.are_over():
-                worlds.reset([np.random.default_rng(0)] * threads)
-        return (clock() - began) / (_STEPS // threads * threads)
+                observations = worlds.reset([np.random.default_rng(0)] * robots)
+        return (clock() - began) / (steps * robots)

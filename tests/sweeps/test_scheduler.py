@@ -12,9 +12,10 @@ from jbench.errors import RequestError
 from jbench.settings.records import OFESettings
 from jbench.store import Results
 from jbench.studies.matrix import read_matrix
+from jbench.sweeps.batches import batches
 from jbench.sweeps.cell import all_runs, matrix_cells
 from jbench.sweeps.cell_status import cell_statuses
-from jbench.sweeps.scheduler import batches, sweep
+from jbench.sweeps.scheduler import sweep
 from jbench.tasks.find import find_task
 from jbench.training.events import Finished, Note, Warned
 from tests.command_line import SHORT, with_short_episodes

@@ -4,11 +4,13 @@ from dataclasses import replace
 
 import pytest
 
+from jbench.errors import WorkError
 from jbench.store import Results, locks
 from jbench.studies.matrix import read_matrix
 from jbench.sweeps.cell import Cell, matrix_cells
 from jbench.sweeps.cell_status import CellStatus, cell_statuses, forecast, seconds_left
 from jbench.tasks.find import find_task
+from jbench.training import engines
 from jbench.training.status import (
     failures_among,
     record_failure,
@@ -36,10 +38,10 @@ def begin(results, run):
     return results.create("run", run.id, run.model_dump(mode="json"))
 
 
-def finish(results, run, wall_time, together=1):
+def finish(results, run, wall_time, together=1, **more):
     """Finishes a run after `wall_time` seconds, as one of `together` runs in its process."""
     record = begin(results, run)
-    record.finish({"wall_time": wall_time, "steps_done": run.steps, "together": together})
+    record.finish({"wall_time": wall_time, "steps_done": run.steps, "together": together, **more})
     return record
 
 
@@ -79,6 +81,13 @@ def test_time_left_is_estimated_from_finished_runs(results, cell):
     assert seconds_left([line], 8) == pytest.approx(20.0)
 
 
+def test_other_work_on_the_machine_of_finished_runs_does_not_count(results, cell):
+    finish(results, cell.runs[0], 300.0, together=2, processor_time=20.0)
+    (line,) = cell_statuses([cell], results, jobs=1, quick=False)
+    # 2 ms of a core per step, 30,000 steps.
+    assert line.seconds_left == pytest.approx(60.0)
+
+
 def test_seeds_are_not_divided_among_processes(results, cell):
     finish(results, cell.runs[0], 20.0)
     # Of three seeds at 2 ms a step, one of two processes trains two, 20,000 steps.
@@ -104,6 +113,41 @@ def test_runs_of_other_robots_and_machines_give_no_estimate(results, cell):
     assert seconds_left([line], 2) is None
     (line,) = cell_statuses([cell], results, jobs=2, quick=True)
     assert (line.seconds_left > 0, line.estimate) == (True, "a quick measurement")
+
+
+def test_measurement_here_wins_over_records_and_has_the_seeds_of_a_process(
+    results, cell, monkeypatch
+):
+    finish(results, cell.runs[0], 1000.0)  # as on a slow machine of the same name
+    measured = []
+
+    def measure(runs, device):
+        measured.append([run.seed for run in runs])
+        return 0.002 * len(runs)
+
+    monkeypatch.setattr(engines, "seconds_per_step", measure)
+    (line,) = cell_statuses([cell], results, jobs=2)
+    assert measured == [[1, 2]]  # of seeds 1 to 3, two share a process
+    # 2 ms a control step, 10,000 of each seed, two of them one after the other.
+    assert (line.seconds_left, line.estimate) == (pytest.approx(40.0), "a quick measurement")
+
+    def refuse(runs, device):
+        raise WorkError("The speed of this algorithm is not measured.")
+
+    monkeypatch.setattr(engines, "seconds_per_step", refuse)
+    (line,) = cell_statuses([cell], results, jobs=2)
+    assert (line.seconds_left, line.estimate) == (pytest.approx(2000.0), "measured runs")
+
+
+def test_runs_of_other_lengths_are_measured_on_their_own(tmp_path, results, monkeypatch):
+    monkeypatch.setattr(engines, "seconds_per_step", lambda runs, device: 10 / runs[0].steps)
+    cells = []
+    for steps in (1000, 5000):
+        matrix = read_matrix(write_matrix(tmp_path, seeds="0", steps=steps))
+        cells += matrix_cells(matrix, results)
+    # 10 s each: their evaluations are as long.
+    lines = cell_statuses(cells, results, jobs=1)
+    assert [line.seconds_left for line in lines] == pytest.approx([10.0, 10.0])
 
 
 def test_time_left_is_estimated_from_runs_on_same_device(results, cell):

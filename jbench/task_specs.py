@@ -19,6 +19,11 @@ class TaskSpec:
     rewards: tuple[str, ...]
     drawn: tuple[str, ...] = ()
 
+    @property
+    def has_speed(self) -> bool:
+        """Whether observations or rewards depend on the velocity of the center of mass."""
+        return "speed_in_target_frame" in self.features or "speed" in self.rewards
+
 
 _ANGLE = "angle_to_target"
 _TARGET = "target_in_jitterbug_frame"

@@ -1,5 +1,6 @@
 """Tests of `Robots`, which steps many robots together, against a plain MuJoCo loop."""
 
+import copy
 import os
 import subprocess
 import sys
@@ -52,6 +53,19 @@ def alone(robot, quaternion, actions):
         for _ in range(50):
             mujoco.mj_step(robot, data)
     return model.read_state(data.qpos, data.qvel, model.torso_offset(robot))
+
+
+def test_states_without_speed_are_otherwise_those_with_it(robot):
+    actions = commands(10, 3)
+    robots = Robots(robot, 3, 1, has_speed=False)
+    with_speed = Robots(robot, 3, 1)
+    for each in (robots, with_speed):
+        each.reset(poses(3))
+    assert take(with_speed, actions).torso_velocity.shape == (3, 3)
+    expected = with_speed.restore(with_speed.snapshot())._replace(torso_velocity=None)
+    assert_same(take(robots, actions), expected)
+    copied = copy.deepcopy(robots)
+    assert_same(copied.restore(copied.snapshot()), expected)
 
 
 @pytest.mark.parametrize("threads", [1, 2, 7])

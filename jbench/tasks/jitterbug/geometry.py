@@ -20,7 +20,7 @@ class State(NamedTuple):
     velocity: Array  # (..., 6) in the world (m/s), then angular in the torso's frame (rad/s)
     motor_position: Array  # (...) motor angle in (-pi, pi]; 0 if the mass points forward (rad)
     motor_velocity: Array  # (...) rad/s
-    torso_velocity: Array  # (..., 3) velocity of the torso's center of mass in the world (m/s)
+    torso_velocity: Array  # (..., 3) of its center of mass in the world (m/s); None if unread
 
 
 class Target(NamedTuple):
@@ -43,16 +43,21 @@ def rotation_matrix(quaternion: Array) -> Array:
     """Returns the (..., 3, 3) rotation matrices of (..., 4) unit quaternions (w, x, y, z)."""
     xp = namespace(quaternion)
     w, x, y, z = (quaternion[..., i] for i in range(4))
+    # Twice the numbers: products with these need no further factor, and round to the same.
+    x2, y2, z2 = x + x, y + y, z + z
+    wx, wy, wz = w * x2, w * y2, w * z2
+    xx, xy, xz = x * x2, x * y2, x * z2
+    yy, yz, zz = y * y2, y * z2, z * z2
     entries = (
-        1 - 2 * (y * y + z * z),
-        2 * (x * y - w * z),
-        2 * (x * z + w * y),
-        2 * (x * y + w * z),
-        1 - 2 * (x * x + z * z),
-        2 * (y * z - w * x),
-        2 * (x * z - w * y),
-        2 * (y * z + w * x),
-        1 - 2 * (x * x + y * y),
+        1 - (yy + zz),
+        xy - wz,
+        xz + wy,
+        xy + wz,
+        1 - (xx + zz),
+        yz - wx,
+        xz - wy,
+        yz + wx,
+        1 - (xx + yy),
     )
     return xp.reshape(xp.stack(entries, axis=-1), (*quaternion.shape[:-1], 3, 3))
 

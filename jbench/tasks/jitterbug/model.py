@@ -30,20 +30,24 @@ def torso_offset(model: mujoco.MjModel) -> NDArray[np.float64]:
 
 
 def read_state(
-    qpos: NDArray[np.float64], qvel: NDArray[np.float64], offset: NDArray[np.float64]
+    qpos: NDArray[np.float64], qvel: NDArray[np.float64], offset: NDArray[np.float64] | None
 ) -> State:
     """Returns the tasks' `State`, a copy, of robots with these joint positions and velocities.
 
-    They are (..., 16) and (..., 15); `offset` is the torso's center of mass, by `torso_offset`.
+    They are (..., 16) and (..., 15). `offset` is the torso's center of mass, by `torso_offset`;
+    without it, the state has no `torso_velocity`, which takes as long as the rest.
     """
     position = qpos[..., :7].copy()
     velocity = qvel[..., :6].copy()
+    torso_velocity = None
+    if offset is not None:
+        torso_velocity = center_of_mass_velocity(position, velocity, offset)
     return State(
         position=position,
         velocity=velocity,
         motor_position=motor_angle(qpos[..., MOTOR]),
         motor_velocity=qvel[..., MOTOR].copy(),
-        torso_velocity=center_of_mass_velocity(position, velocity, offset),
+        torso_velocity=torso_velocity,
     )
 
 

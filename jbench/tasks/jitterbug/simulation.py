@@ -3,7 +3,7 @@
 import copy
 import ctypes
 import os
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 from weakref import WeakSet
 
@@ -36,12 +36,17 @@ class Robots:
         axes: leading axes of their states.
     """
 
-    def __init__(self, model: mujoco.MjModel, count: int, threads: int) -> None:
-        """Creates the robots at the origin, at rest, upright; `threads` include the caller's."""
+    def __init__(
+        self, model: mujoco.MjModel, count: int, threads: int, *, has_speed: bool = True
+    ) -> None:
+        """Creates the robots at the origin, at rest, upright.
+
+        `threads` include the caller's. States have a `torso_velocity` only if `has_speed`.
+        """
         self.count = count
         self.axes: tuple[int, ...] = (count,)
         self._model = model
-        self._offset = robot.torso_offset(model)
+        self._offset = robot.torso_offset(model) if has_speed else None
         self._threads = max(1, min(threads, count))
         data = mujoco.MjData(model)
         robot.place(data, robot.UPRIGHT)
@@ -94,7 +99,8 @@ class Robots:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Returns how to make a copy, which has threads of its own."""
-        return Robots, (self._model, self.count, self._threads), self.snapshot()
+        make = partial(Robots, has_speed=self._offset is not None)
+        return make, (self._model, self.count, self._threads), self.snapshot()
 
     def __setstate__(self, snapshot: NDArray[np.float64]) -> None:
         """See `restore`."""
@@ -136,9 +142,9 @@ class OneRobot:
     count = 1
     axes: tuple[int, ...] = ()
 
-    def __init__(self, model: mujoco.MjModel) -> None:
-        """Creates the robot at the origin, at rest, upright."""
-        self._offset = robot.torso_offset(model)
+    def __init__(self, model: mujoco.MjModel, *, has_speed: bool = True) -> None:
+        """Creates the robot at the origin, at rest, upright; see `Robots`."""
+        self._offset = robot.torso_offset(model) if has_speed else None
         self._physics = ModelAndData(model, mujoco.MjData(model))
         robot.place(self._physics.data, robot.UPRIGHT)
 

@@ -67,7 +67,8 @@ class JitterbugTask(Task):
     ) -> JitterbugWorlds:
         """Returns new worlds; see `Task.worlds`."""
         model = _robot_model(augment, vary_masses=vary_masses)
-        return JitterbugWorlds(self.name, Robots(model, count, threads))
+        robots = Robots(model, count, threads, has_speed=TASK_SPECS[self.name].has_speed)
+        return JitterbugWorlds(self.name, robots)
 
     def world(self, augment: int | None = None, *, vary_masses: bool = False) -> JitterbugWorld:
         """Returns one world, with a model of its own; see `Task.world`."""

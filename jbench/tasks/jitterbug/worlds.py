@@ -87,7 +87,7 @@ class JitterbugWorlds(Worlds):
     @property
     def robot_state(self) -> State:
         """The state of the robots, with the leading axis (worlds,)."""
-        return State(*map(self._by_world, self._state))
+        return State(*(part if part is None else self._by_world(part) for part in self._state))
 
     def physics(self, world: int) -> ModelAndData:
         """Returns the robot of a world and its state, with the target where it is."""
@@ -164,7 +164,7 @@ class JitterbugWorld(JitterbugWorlds):
 
     def __init__(self, task: str, model: mujoco.MjModel) -> None:
         """The model is stepped itself."""
-        super().__init__(task, OneRobot(model))
+        super().__init__(task, OneRobot(model, has_speed=TASK_SPECS[task].has_speed))
 
     def begin(
         self,

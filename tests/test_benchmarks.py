@@ -69,7 +69,7 @@ CASES = (
         "--runs 4 8 --episodes 20 --rounds 1 --profile 3",
         ("jbench report, 4 runs", "jbench report --claims, 8 runs", "the page alone", "cumulative"),
     ),
-    Case("robots", "--robots 2 --rounds 1", (r"\| move_to_pose \| \d+ \| \d+ \|",)),
+    Case("robots", "--robots 2 --rounds 1", (r"\| move_to_pose \| \d+ \| \d+ \| \d+ \|",)),
     Case("rules", "--rounds 2", ("TD3 by hand .* ratio",)),
     Case(
         "sequential",

@@ -66,7 +66,8 @@ def test_each_representation_is_compared_with_both_baselines(fabric):
 def test_verdict_on_return_says_by_how_much(fabric):
     learn(fabric, {name: FINALS[name] for name in ("full", "planar12", "scaled16")})
     found = verdicts(fabric)
-    assert found["planar", "full", "a"]["text"] == "higher by 190 to 210; by more than 50: yes"
+    # Two of three comparisons pass their shares on to the similar one: all intervals are of 0.05.
+    assert found["planar", "full", "a"]["text"] == "higher by 191 to 209; by more than 50: yes"
     assert found["scaled", "full", "a"]["text"].startswith("similar: higher by 1")
     faster = "faster: mean return over the run higher"
     assert found["planar", "full", "c"]["text"].startswith(faster)

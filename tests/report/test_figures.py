@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from jbench.names import ENCODER_KINDS, kind_in
 from jbench.report import style
 from jbench.report.encoders import PREDICTED
-from jbench.report.figures import charts, shares
+from jbench.report.figures import charts, marks, shares
 from jbench.report.figures.chart import Panel
 from jbench.report.figures.curves import drawn_points
 from jbench.report.frames import Frames
@@ -323,3 +323,22 @@ def test_names_are_drawn_as_they_are_but_for_control_characters(fabric):
     text = panel_svgs(chart.panels[0], chart.title, chart.name)
     titles = [e.text for e in ElementTree.fromstring(f"<x>{text}</x>").iter() if e.text]
     assert any(title.startswith('"$x^2$<\ufffd at') for title in titles)
+
+
+def test_long_names_beside_rows_have_several_lines():
+    name = "DDPG dae12-without-speed_in_target_frame-script, settings=figure8"
+    lines = "DDPG dae12-without-\nspeed_in_target_frame-script,\nsettings=figure8"
+    assert marks.named_rows(["TD3 full", name]) == ["TD3 full", lines]
+    assert marks.row_height(["TD3 full"]) == marks.ROW == 0.24  # inches
+    assert marks.row_height(["TD3 full", name]) == pytest.approx(0.48)
+    (endless,) = marks.named_rows(["x" * 300])
+    assert max(map(len, endless.split("\n"))) <= 37
+    assert "…" in endless
+
+
+def test_representations_are_in_the_order_of_their_words(fabric):
+    names = ["planar-mirror12", "pca12", "planar12", "full", "pca4", "planar-no-yaw11"]
+    add_runs(fabric, *names, seeds=2)
+    rows = Frames(fabric.results, Request()).configurations
+    ordered = ["full", "pca4", "pca12", "planar", "planar-mirror", "planar-no-yaw"]
+    assert list(dict.fromkeys(rows["representation"])) == ordered

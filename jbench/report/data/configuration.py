@@ -1,5 +1,6 @@
 """Configurations: the runs that share all settings except seed and steps, one run per seed."""
 
+import re
 from collections.abc import Iterable, Sequence
 from functools import cached_property
 from typing import Any
@@ -275,4 +276,8 @@ def paper_order(configuration: Configuration) -> tuple[Any, ...]:
     # The sort is stable: variants stay in the order of their words.
     ranks = _rank(configuration.task, TASKS), _rank(configuration.algo, ALGORITHMS)
     representation = configuration.representation
-    return *ranks, representation != FULL, representation, configuration.source
+    # `planar12` is before `planar-mirror12`, and `pca4` before `pca12`: every other word is a
+    # number, of which the shorter one is smaller.
+    words = re.split(r"(\d+)", representation)
+    natural = [(len(word), word) if place % 2 else word for place, word in enumerate(words)]
+    return *ranks, representation != FULL, natural, representation, configuration.source

@@ -26,6 +26,7 @@ _WIDTHS = {1: 3.5, 2: 7.15, None: 9.0}  # of a file in inches, by columns of a p
 _LABELS = 0.45
 _CHARACTER = 0.064
 _LINE = 0.14
+_LEGEND = 48  # characters of a name in a legend, which fit into a column of a paper
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ class Chart:
             for panel, title in zip(self.panels, titles, strict=True)
         ]
         heights = [max(sizes[row * across : (row + 1) * across]) for row in range(down)]
-        names = marks.shortened(self.legend)
+        names = marks.shortened(self.legend, _LEGEND)
         per_row = max(1, int(width / (0.42 + 0.062 * max(map(len, names), default=1))))
         legend_rows = -(-len(self.legend) // per_row)
         with mpl.rc_context(style.PAPER):

@@ -1,5 +1,6 @@
 """What figures are drawn of: lines, points with tips, rows with names, levels and axes."""
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import takewhile
 from typing import Any, Literal
@@ -19,11 +20,13 @@ from jbench.task_specs import SOLVED_RETURN
 
 MOST_POINTS = 80  # of a curve that are drawn; a panel of a page is about 300 pixels wide
 ROW = 0.24  # height of a row in inches
+_NAME_LINE = 0.16  # height of a line of a name of several lines
 _ROOM = 0.09  # of the height of a panel, between words beside it
 _TIPS = 12  # points of a curve that have a tip, if it has too many for markers
 # A mark that only has a tip: its corners, since a circle would take 200 bytes.
 UNSEEN: Any = {"marker": [(-1, -1), (1, 1)], "facecolors": "none"}
-_LONGEST = 36  # characters of a name beside a panel
+_LONGEST = 36  # characters of a name in a table of shares, or in a line beside a row
+_ALL_LINES = 3 * _LONGEST  # of a name beside a row
 _BEFORE = 6
 _AFTER = 3  # characters around what differs in long names
 
@@ -59,6 +62,27 @@ def add_line(
     add_points(axes, x[shown], y[shown], texts, look, size, **drawn)
 
 
+def named_rows(names: Iterable[str]) -> list[str]:
+    """Returns names that stand beside rows, the long ones in several lines."""
+    return [_in_lines(name) for name in shortened(names, _ALL_LINES)]
+
+
+def row_height(names: Iterable[str]) -> float:
+    """Returns the inches of a row, in which the longest of these names has room."""
+    lines = max((name.count("\n") + 1 for name in named_rows(names)), default=1)
+    return max(ROW, _NAME_LINE * lines)
+
+
+def _in_lines(name: str) -> str:
+    """Returns a name with line breaks after spaces, hyphens and points, or anywhere."""
+    lines = [""]
+    for part in re.findall(rf"[^ .-]{{0,{_LONGEST}}}[ .-]?", name):
+        if len(lines[-1]) + len(part) > _LONGEST + 1:  # a space that follows is not seen
+            lines.append("")
+        lines[-1] += part
+    return "\n".join(line.strip() for line in lines)
+
+
 def add_rows(axes: Axes, rows: pd.DataFrame, looks: Looks, value: str) -> None:
     """Draws a row for each configuration: its name, a number and the interval of this number.
 
@@ -90,7 +114,7 @@ def interval_text(value: float, low: float, high: float) -> str:
 
 def name_rows(axes: Axes, names: Sequence[str] | pd.Series) -> None:
     """Writes a name beside each row."""
-    axes.set_yticks(range(len(names)), shortened(names))
+    axes.set_yticks(range(len(names)), named_rows(names))
     axes.set_ylim(len(names) - 0.5, -0.6)
     axes.tick_params(axis="y", length=0)
     axes.grid(axis="y", visible=False)
@@ -180,21 +204,22 @@ def leave_out_empty(axes: Axes) -> None:
             axis.set_label_coords(0, 0)
 
 
-def shortened(names: Iterable[str]) -> list[str]:
-    """Returns names that leave room for a panel beside them, of which different ones differ.
+def shortened(names: Iterable[str], longest: int = _LONGEST) -> list[str]:
+    """Returns names of about as many characters at most, of which different ones differ.
 
     Names are cut in the middle. Those that would be equal are cut where they are equal: they keep
     what follows their common beginning.
     """
     every = [*names]
-    chosen = {name: _cut(name) for name in every}
+    chosen = {name: _cut(name, longest) for name in every}
     for cut, group in _by_value(chosen).items():
         if len(group) > 1:
             start = _equal_characters(group)
             end = _equal_characters([n[::-1] for n in group])
             for name in group:
                 kept = name[max(0, start - _BEFORE) : len(name) - max(0, end - _AFTER)]
-                chosen[name] = _cut(f"{cut[:_BEFORE]}…{kept}{'…' if end > _AFTER else ''}")
+                kept += "…" if end > _AFTER else ""
+                chosen[name] = _cut(f"{cut[:_BEFORE]}…{kept}", longest)
 
     for cut, group in _by_value(chosen).items():
         if len(group) > 1:
@@ -204,9 +229,11 @@ def shortened(names: Iterable[str]) -> list[str]:
     return [chosen[name] for name in every]
 
 
-def _cut(name: str) -> str:
-    """Returns a name that is cut in the middle if it is long."""
-    return name if len(name) <= _LONGEST else f"{name[:20]}…{name[-10:]}"
+def _cut(name: str, longest: int) -> str:
+    """Returns a name that is cut in the middle if it is longer than this."""
+    if len(name) <= longest:
+        return name
+    return f"{name[: longest * 5 // 9]}…{name[-longest * 5 // 18 :]}"
 
 
 def _equal_characters(names: Sequence[str]) -> int:

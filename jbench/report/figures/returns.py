@@ -40,13 +40,14 @@ def forest(frames: Frames) -> Chart | None:
     panels = []
     for task, group in rows.groupby("task", sort=False):
         policies = frames.baselines[frames.baselines["task"] == task]
-        height = 0.55 + marks.ROW * (len(group) + len(policies))
+        row = marks.row_height(group["name"])
+        height = 0.55 + row * (len(group) + len(policies))
         draw = partial(_draw_forest, group, looks=looks, seeds=seeds, policies=policies)
         panels.append(Panel(f"{task}: final return", {"": draw}, (5.2, height)))
         if group["beside"].all():
             known = group[group["s"].notna()]
             draw = partial(_draw_variability, known, looks=looks)
-            height = 0.55 + marks.ROW * len(known)
+            height = 0.7 + row * len(known)
             panels.append(Panel(f"{task}: variability", {"": draw}, (5.2, height)))
 
     note = "large mark: interquartile mean with 95% interval; dots: seeds"
@@ -109,7 +110,7 @@ def _draw_variability(rows: pd.DataFrame, axes: Axes, *, looks: Looks) -> None:
     ends = rows["s_high"][np.isfinite(rows["s_high"])]
     widest = min(float(ends.max()), 3 * float(ends.median()))
     highest = max(1.0, 1.2 * float(rows["s"].max()), widest)
-    axes.set(xlim=(-0.02 * highest, highest), xlabel="s, standard deviation between agents")
+    axes.set(xlim=(-0.02 * highest, highest), xlabel="s, standard deviation\nbetween agents")
 
 
 def comparisons(frames: Frames) -> Chart | None:
@@ -132,7 +133,8 @@ def comparisons(frames: Frames) -> Chart | None:
         marks.add_rows(axes, group, looks, "difference")
         axes.axvline(0, color=style.SOFT, linewidth=0.7)
 
-    panels = by_task(rows, draw, (5.2, 0.6 + marks.ROW * rows.groupby("task").size().max()))
+    row = marks.row_height(rows["name"])
+    panels = by_task(rows, draw, (5.2, 0.6 + row * rows.groupby("task").size().max()))
     return Chart("comparisons", "Differences", note, panels, looks, columns=2, minimum=440)
 
 
@@ -150,7 +152,8 @@ def errors(frames: Frames) -> Chart | None:
     looks = style.looks(rows, "series", "kind")
 
     def size(group: pd.DataFrame) -> tuple[float, float]:
-        return (4.2, 2.6) if group["by_size"].all() else (5.2, 0.7 + marks.ROW * len(group))
+        row = marks.row_height(group["name"])
+        return (4.2, 2.6) if group["by_size"].all() else (5.2, 0.7 + row * len(group))
 
     panels = by_task(rows, partial(_draw_errors, looks=looks), size)
     note = (

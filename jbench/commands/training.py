@@ -13,7 +13,7 @@ from jbench.loggers.logger import copying_rows, make_logger
 from jbench.names import EVALUATION_EPISODES, KeepState
 from jbench.settings.run import RunSettings
 from jbench.store import Results
-from jbench.store.evaluations import added_returns
+from jbench.store.evaluations import added_returns, last_evaluation_episodes
 from jbench.store.run_line import line_with_returns
 from jbench.sweeps.cell import Cell, all_runs
 from jbench.sweeps.preparation import missing_encoders
@@ -92,7 +92,11 @@ def check_left(left: Sized, runs: int) -> None:
 
 
 def _about_final_returns(episodes: int) -> str:
-    """Returns what final returns are, and which to quote, by the episodes of an evaluation."""
+    """Returns what final returns are, and which to quote.
+
+    Args:
+        episodes: the fewest in the last evaluation of a run; 0 if no run has evaluations.
+    """
     quoted = "Quote the evaluation return: the mean over the last evaluation"
     if 0 < episodes < EVALUATION_EPISODES:
         quoted = (
@@ -118,6 +122,7 @@ def note_encoder(typed: str, run: RunSettings) -> list[str]:
 def show_runs(runs: Sequence[RunSettings], results: Results) -> None:
     """Prints the final returns of each run in the results."""
     rows = []
+    evaluated = []
     differs = False
     added, problems = added_returns(results, {run.id: run.model_dump() for run in runs})
     for problem in problems:
@@ -134,12 +139,13 @@ def show_runs(runs: Sequence[RunSettings], results: Results) -> None:
                 means = ["" if mean is None else f"{mean:.0f}" for mean in returns]
                 differs = differs or means[1] != means[2]
                 rows.append([record.id + status, line.episodes, *means])
+                evaluated.append(record.reading(partial(last_evaluation_episodes, record, more)))
         except WorkError as error:
             output.warn(str(error))
 
     header = ["run", "episodes", "training return", "evaluation return", "at the end of training"]
     shown = len(header) if differs else len(header) - 1  # jbench evaluate adds episodes
-    about = _about_final_returns(min(run.evaluate_episodes for run in runs))
+    about = _about_final_returns(min(filter(None, evaluated), default=0))
     output.table(about, header[:shown], [row[:shown] for row in rows])
 
 

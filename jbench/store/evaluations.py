@@ -87,6 +87,12 @@ def evaluation_returns(
     return which, returns
 
 
+def last_evaluation_episodes(run: Record, added: Sequence[NDArray[np.float64]] = ()) -> int:
+    """Returns the number of episodes of the last evaluation of a run; 0 without evaluations."""
+    which, _ = evaluation_returns(run, added)
+    return int(np.count_nonzero(which == which.max(initial=0)))
+
+
 def with_added_episodes(
     evaluations: pa.Table, runs: "pd.DataFrame", tables: Mapping[str, "pd.DataFrame"]
 ) -> pa.Table:

@@ -42,16 +42,21 @@ def test_final_return_is_equal_in_tables_listings_and_reports(episodes, mean, tm
     assert row.split()[-2:] == [str(episodes), f"{mean:.0f}"]
 
 
-def test_evaluation_return_is_the_mean_of_the_last_evaluation(tmp_path, capsys):
-    record = Results(tmp_path).create("run", RUN.id, RUN.model_dump(mode="json"))
+def add_run(path, *evaluations):
+    """Adds a run with the returns of each evaluation, and a training return of 7."""
+    record = Results(path).create("run", RUN.id, RUN.model_dump(mode="json"))
     rows = [
         {"run": RUN.id, "evaluation": number, "episode": episode, "episode_return": value}
         | {"control_steps": 1000 * (number + 1)}
-        for number, values in enumerate([(900.0, 900.0), (10.0, 20.0, 60.0)])
+        for number, values in enumerate(evaluations)
         for episode, value in enumerate(values)
     ]
-    evaluations = pa.Table.from_pylist(rows, schema.EVALUATIONS)
-    record.append({"evaluations": evaluations, "episodes": store_rows.episodes(RUN.id, [7.0])})
+    table = pa.Table.from_pylist(rows, schema.EVALUATIONS)
+    record.append({"evaluations": table, "episodes": store_rows.episodes(RUN.id, [7.0])})
+
+
+def test_evaluation_return_is_the_mean_of_the_last_evaluation(tmp_path, capsys):
+    add_run(tmp_path, (900.0, 900.0), (10.0, 20.0, 60.0))
     (line,), _ = list_runs(Results(tmp_path), {}, returns=True)
     assert (line.last_return, line.evaluation_return) == (7, 30)
     assert main(["runs", "--returns", "--results", str(tmp_path)]) == 0
@@ -62,11 +67,14 @@ def test_evaluation_return_is_the_mean_of_the_last_evaluation(tmp_path, capsys):
         assert text.rindex("training return") < text.rindex("evaluation return")
         (row,) = (line for line in text.splitlines() if RUN.id in line)
         assert row.split()[-2:] == ["7", "30"]
-    assert "Quote the evaluation return" in printed
-    short = RUN.model_copy(update={"evaluate_episodes": 3})
-    show_runs([short], Results(tmp_path))
     few = "The evaluation return is the mean of 3 episodes, too few to quote"
-    assert few in " ".join(capsys.readouterr().out.split())
+    assert few in " ".join(printed.split())
+
+
+def test_last_evaluation_of_many_episodes_is_quoted_also_if_the_others_have_few(tmp_path, capsys):
+    add_run(tmp_path, [5.0] * 2, [5.0] * 25)
+    show_runs([RUN], Results(tmp_path))
+    assert "Quote the evaluation return" in capsys.readouterr().out
 
 
 def test_encoder_is_named_unless_its_own_name_was_typed():

@@ -3,6 +3,7 @@
 import json
 import os
 
+import gymnasium
 import numpy as np
 import onnx
 import onnxruntime
@@ -40,6 +41,8 @@ from jbench.tasks.find import find_task
 from jbench.tasks.jitterbug import features
 from jbench.tasks.task import episode_generator, rollout
 from tests.encoders.encoder_data import fitted_encoder, make_dataset, observations_of, read_states
+from tests.gym_tasks import EPISODE as EPISODE_OF_CART
+from tests.gym_tasks import cart
 from tests.short_episodes import EPISODE, shorten_episodes
 
 TASK = "face_direction"
@@ -233,6 +236,29 @@ def test_policy_of_another_robot_has_its_observation_and_all_its_motors(tmp_path
         RequestError, match="dmc:fish-swim are not known: type --inputs observation"
     ):
         export_onnx(agent, "a/run", path, in_si_units=True)
+
+
+def test_model_controls_an_environment_without_jbench(tmp_path):
+    """By the program of docs/your-own-robot.md: a Dict observation, and actions in [-2, 4]."""
+    path = tmp_path / "policy.onnx"
+    agent = TrainedAgent("tests.gym_tasks:cart", build_policy(4, 1), None)
+    export_onnx(agent, "a/run", path, in_si_units=False)
+    properties = {entry.key: entry.value for entry in onnx.load(path).metadata_props}
+    (motor,) = json.loads(properties["outputs"])
+    low, high = motor["actuator_minimum"], motor["actuator_maximum"]
+    assert (low, high) == (-2, 4)
+    env = cart()
+    seed = int(np.random.default_rng(0).integers(2**32))  # by which jbench seeds the episode
+    observation, _ = env.reset(seed=seed)
+    with find_task(agent.task).worlds(1) as worlds:
+        observed = worlds.reset([np.random.default_rng(0)])
+        for _ in range(EPISODE_OF_CART):
+            numbers = gymnasium.spaces.flatten(env.observation_space, observation)
+            np.testing.assert_allclose(numbers, observed[0], atol=1e-5)
+            action = low + (run_model(path, numbers[np.newaxis])[0] + 1) / 2 * (high - low)
+            observation, reward, *_ = env.step(action.reshape(1, 1))
+            observed, rewards = worlds.step(agent.act(observed))
+            np.testing.assert_allclose(reward, rewards[0], atol=1e-4)
 
 
 class SortingEncoder:

@@ -140,12 +140,22 @@ def collect(
     with output.progress("collect", left, "control steps") as progress:
         record = collect_dataset(settings, database, threads, progress)
 
-    option, tasks = (f" --task {task}", "") if robot else ("", ", for all five tasks")
+    option = _encoder_options(settings.robot) if robot else ""
+    tasks = "" if robot else ", for all five tasks"
     output.say(
         f"Dataset {record.id}: {settings.steps:,} control steps, {record.size / 1e6:.1f} MB, in "
         f"{record.path}{tasks}. Next: {with_results(f'jbench train-dae{option}', results)}"
     )
     output.document(output.described(record, bytes=record.size))
+
+
+def _encoder_options(robot: str) -> str:
+    """Returns options of train-dae for a robot, with fewer latents than it observes numbers."""
+    from jbench.tasks.find import find_task
+
+    size = find_task(robot).observation_size
+    latent = f" --latent {max(1, size // 2)}" if size <= options.LATENTS else ""
+    return f" --task {robot}{latent}"
 
 
 def datasets(results: Path = options.READ_RESULTS, json: bool = options.JSON) -> None:

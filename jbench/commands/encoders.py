@@ -247,7 +247,8 @@ def _planned(wanted: _Wanted, source: "Dataset | None") -> list["EncoderSettings
     from jbench.encoders.settings import encoder_settings
 
     typed = wanted.options
-    numbers = names.parse_numbers(wanted.latent or "12", "--latent", "12, or 2,4,8, or 1-16")
+    latent = wanted.latent or str(options.LATENTS)
+    numbers = names.parse_numbers(latent, "--latent", "12, or 2,4,8, or 1-16")
     known = dict.fromkeys(
         name.lower() if name.lower() in names.ENCODER_KINDS else name
         for name in wanted.kinds.split(",")

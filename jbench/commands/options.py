@@ -22,6 +22,8 @@ from jbench.cores import cores
 from jbench.settings.algorithms import ALGORITHMS, SETTINGS
 from jbench.settings.base import typed_default
 
+LATENTS = 12  # of the paper's autoencoder: the default
+
 _Verb = Callable[..., None]
 
 

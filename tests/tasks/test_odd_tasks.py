@@ -40,9 +40,11 @@ def test_part_without_values_is_left_out_with_a_note(run_command, tmp_path):
     assert task.episode_steps == 20
     note = f"Warning: {name}: sensors of its observation has no values and is left out.\n"
     assert run_command("tasks", name)[::2] == (0, note)
-    code, _, err = run_command("collect", "--task", name, "--steps", 40, results=tmp_path)
+    code, out, err = run_command("collect", "--task", name, "--steps", 40, results=tmp_path)
     assert code == 0
     assert note in err
+    # An encoder can have one latent of one number, and the default is 12.
+    assert f"Next: jbench train-dae --task {name} --latent 1" in out
 
 
 def test_floats_and_lists_are_parts_of_an_observation():

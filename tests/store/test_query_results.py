@@ -1,10 +1,12 @@
-"""Tests of queries on a results directory: only the tables that a query needs are read."""
+"""Tests of queries on a results directory: the tables that one reads, notes on names."""
 
 import duckdb
 import pytest
 
+import jbench
 from jbench.errors import RequestError
 from jbench.store import query
+from jbench.store.shipped import results_to_read
 from jbench.store.tables import read_tables
 from tests.store.store_rows import add_run, listed
 from tests.store.test_damage import truncate
@@ -72,3 +74,28 @@ def test_query_never_spills_to_disk(filled):
     sql = "SELECT current_setting('temp_directory') AS place"
     assert duckdb.connect().execute(sql).fetchall() == [(".tmp",)]  # the default of DuckDB
     assert rows(filled, sql) == [[""]]
+
+
+def test_a_query_with_the_name_that_reports_show_gets_the_one_in_sql(results, run_command):
+    add_run(results, "planar/s0", [10.0], representation="planar12", encoder="e/planar12/s0")
+    sql = "SELECT run FROM runs WHERE representation = {}"
+    says = (
+        "No run has the representation 'planar': SQL has whole names. Type "
+        "representation IN ('planar12')."
+    )
+    for name, notes in (("'planar'", [says]), ("'planar12'", []), ("'dae12'", [])):
+        assert query.query_results(results, sql.format(name)).notes == notes
+
+    shipped = results_to_read("reference")  # it has encoders of the kind planar, for three tasks
+    of_encoders = "SELECT encoder FROM encoders WHERE representation = 'planar'"
+    (note,) = query.query_results(shipped, of_encoders).notes
+    assert note.endswith("Type representation IN ('planar12', 'planar13', 'planar14').")
+    (note,) = query.query_results(shipped, sql.format("'planar'")).notes
+    assert note.endswith("Type representation IN ('planar12').")  # the only one with runs
+    of_kind = "SELECT representation FROM encoders WHERE kind = 'planar'"
+    assert query.query_results(shipped, of_kind).notes == []
+
+    code, out, err = run_command("query", sql.format("'planar'"), "--csv", results=results.path)
+    assert (code, out, err) == (0, "run\n", f"Warning: {says}\n")
+    with pytest.warns(UserWarning, match="No run has the representation 'planar'"):
+        assert jbench.open(results.path).query(sql.format("'planar'")).empty

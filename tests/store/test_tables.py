@@ -1,4 +1,4 @@
-"""Tests of the tables available to SQL: columns, rows, and records that are left out."""
+"""Tests of the tables of results: columns, rows, and records that are left out."""
 
 import json
 
@@ -8,7 +8,6 @@ import pytest
 import jbench
 from jbench.settings.recorded import variant
 from jbench.store import query, schema
-from jbench.store.shipped import results_to_read
 from jbench.store.tables import read_tables
 from tests.store.store_rows import RUN_SETTINGS, add_run, alter_manifest, listed
 from tests.store.test_damage import truncate
@@ -123,28 +122,3 @@ def test_final_returns_are_those_of_python_with_errors(filled):
     assert python["training_return"].tolist() == [3, 60, 100]
     assert python["error"].dropna().to_dict() == {"dae/s0": "killed"}
     assert python.loc["full/s0", "wall_time"] == 7.5
-
-
-def test_a_query_with_the_name_that_reports_show_gets_the_one_in_sql(results, run_command):
-    add_run(results, "planar/s0", [10.0], representation="planar12", encoder="e/planar12/s0")
-    sql = "SELECT run FROM runs WHERE representation = {}"
-    says = (
-        "No run has the representation 'planar': SQL has whole names. Type "
-        "representation IN ('planar12')."
-    )
-    for name, notes in (("'planar'", [says]), ("'planar12'", []), ("'dae12'", [])):
-        assert query.query_results(results, sql.format(name)).notes == notes
-
-    shipped = results_to_read("reference")  # it has encoders of the kind planar, for three tasks
-    of_encoders = "SELECT encoder FROM encoders WHERE representation = 'planar'"
-    (note,) = query.query_results(shipped, of_encoders).notes
-    assert note.endswith("Type representation IN ('planar12', 'planar13', 'planar14').")
-    (note,) = query.query_results(shipped, sql.format("'planar'")).notes
-    assert note.endswith("Type representation IN ('planar12').")  # the only one with runs
-    of_kind = "SELECT representation FROM encoders WHERE kind = 'planar'"
-    assert query.query_results(shipped, of_kind).notes == []
-
-    code, out, err = run_command("query", sql.format("'planar'"), "--csv", results=results.path)
-    assert (code, out, err) == (0, "run\n", f"Warning: {says}\n")
-    with pytest.warns(UserWarning, match="No run has the representation 'planar'"):
-        assert jbench.open(results.path).query(sql.format("'planar'")).empty

@@ -143,6 +143,9 @@ def show_runs(runs: Sequence[RunSettings], results: Results) -> None:
         except WorkError as error:
             output.warn(str(error))
 
+    if not rows:  # nothing was recorded
+        return
+
     header = ["run", "episodes", "training return", "evaluation return", "at the end of training"]
     shown = len(header) if differs else len(header) - 1  # jbench evaluate adds episodes
     about = _about_final_returns(min(filter(None, evaluated), default=0))

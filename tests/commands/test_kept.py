@@ -3,7 +3,7 @@
 import pytest
 
 from jbench.commands.kept import kept_encoders, kept_of_cells, kept_report, kept_steps
-from jbench.commands.training import check_failures
+from jbench.commands.training import check_failures, show_runs
 from jbench.datasets import collect, find_dataset
 from jbench.encoders.states import States
 from jbench.encoders.training import train_encoder
@@ -128,3 +128,8 @@ def test_earlier_report_is_named_only_if_there_is_one(tmp_path):
     (tmp_path / "index.html").write_text("a page")
     kept = f"The earlier report in {tmp_path} is still there; the same command writes the new one."
     assert kept_report(tmp_path) == kept
+
+
+def test_runs_of_which_nothing_is_recorded_have_no_table(cells, results, capsys):
+    show_runs(cells[0].runs, results)
+    assert capsys.readouterr().out == ""

@@ -1,6 +1,7 @@
 """Commands that run a policy: evaluate, render, view."""
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,10 +10,12 @@ from typer import Option
 from jbench import names, task_specs
 from jbench.commands import options, output, parsing
 from jbench.errors import RequestError
+from jbench.report.numbers import whole
 from jbench.settings.records import EvaluationSettings
 from jbench.wording import counted
 
 if TYPE_CHECKING:
+    from jbench.statistics import FloatArray
     from jbench.store import Results
 
 _POSE_SEED = options.whole_number(
@@ -75,15 +78,23 @@ def evaluate(
 
     returns = record.read("policy_episodes")["episode_return"]
     summary = record.manifest.summary
-    tails = f" [10th {summary['q10']:.0f}, 90th {summary['q90']:.0f}]" if len(returns) > 9 else ""
-    mean = returns.to_numpy().mean()
-    worst = returns.to_numpy().min()
     output.say(
-        f"{task}, {policy}: median return {summary['median']:.0f}{tails}, mean {mean:.0f}, "
-        f"worst {worst:.0f}, over {counted(len(returns), 'episode')}{_mark(settings.accepted)}; "
+        f"{task}, {policy}: {_summary_of(returns.to_numpy(), summary)}{_mark(settings.accepted)}; "
         f"saved in {record.path}"
     )
     output.document(output.described(record))
+
+
+def _summary_of(returns: "FloatArray", summary: Mapping[str, float]) -> str:
+    """Returns the returns of episodes in words; the summary has their quantiles."""
+    tails = ""
+    if len(returns) > 9:
+        tails = f" [10th {whole(summary['q10'])}, 90th {whole(summary['q90'])}]"
+
+    return (
+        f"median return {whole(summary['median'])}{tails}, mean {whole(returns.mean())}, "
+        f"worst {whole(returns.min())}, over {counted(len(returns), 'episode')}"
+    )
 
 
 def render(
@@ -134,7 +145,7 @@ def render(
         last = render_to_file(runner, scene, out, name=policy, steps=steps, progress=progress)
 
     accepted = changed_code(database, policy) if accept_changed_code else None
-    output.say(f"{out}: {last.time:.1f} s, return {last.episode_return:.0f}{_mark(accepted)}")
+    output.say(f"{out}: {last.time:.1f} s, return {whole(last.episode_return)}{_mark(accepted)}")
     output.document({"path": str(out), "episode_return": last.episode_return})
 
 

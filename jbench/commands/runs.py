@@ -12,6 +12,7 @@ from typer import Argument, Option
 from jbench import names
 from jbench.commands import options, output, parsing
 from jbench.errors import RequestError, WorkError
+from jbench.report.numbers import Form, whole
 from jbench.report.request import Request
 from jbench.settings.base import validated
 from jbench.wording import are, counted, duration, progress_text, repair_hint
@@ -64,7 +65,7 @@ def runs(
     if rows:
         header = [name for name in rows[0] if any(row[name] not in (None, "") for row in rows)]
         values = ([row[name] for name in header] for row in rows)
-        cells = [[f"{v:.0f}" if isinstance(v, float) else v for v in row] for row in values]
+        cells = [[whole(v) if isinstance(v, float) else v for v in row] for row in values]
         output.table(counted(len(rows), what), header, cells, _SPARE, below=("error",))
     else:
         output.say(f"No such {what}s in {results}." if filters else f"No {what}s in {results}.")
@@ -178,11 +179,13 @@ def _text_lines(change: "Change") -> Iterator[str]:
         row = rows[0]
         steps = f"{rows[0]['control_steps']:,} control steps"
         if table == "metrics":
-            values = ", ".join(f"{row['name']} {_mean([row['value']], '.4g')}" for row in rows)
+            values = ", ".join(
+                f"{row['name']} {_mean([row['value']], '{:.4g}'.format)}" for row in rows
+            )
             yield f"{run.id}: {steps}, {values}"
             continue
 
-        mean = _mean([row["episode_return"] for row in rows], ".1f")
+        mean = _mean([row["episode_return"] for row in rows], _one_decimal)
         if table == "episodes":
             after = "" if row["wall_time"] is None else f", {duration(row['wall_time'])}"
             yield f"{run.id}: episode {row['episode']}, return {mean}, {steps}{after}"
@@ -195,12 +198,17 @@ def _text_lines(change: "Change") -> Iterator[str]:
         yield f"{run.id}: {run.status}{f': {run.error}' if run.error else ''}"
 
 
-def _mean(values: list[float | None], format: str) -> str:
-    """Returns the mean of returns as text; not finite if one is missing."""
+def _one_decimal(value: float) -> str:
+    """Returns a return with a decimal, or a small one with two digits."""
+    return f"{value:.1f}" if abs(value) >= 1 else whole(value)
+
+
+def _mean(values: list[float | None], form: Form) -> str:
+    """Returns the mean of numbers as text; not finite if one is missing."""
     known = [value for value in values if value is not None]
     if len(known) < len(values):
         return "not finite"
-    return f"{sum(known) / len(known):{format}}"
+    return form(sum(known) / len(known))
 
 
 def leaderboard(

@@ -11,6 +11,7 @@ from jbench.commands.training_view import TrainingView
 from jbench.errors import ElsewhereError, WorkError
 from jbench.loggers.logger import copying_rows, make_logger
 from jbench.names import EVALUATION_EPISODES, KeepState
+from jbench.report.numbers import whole
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.store.evaluations import added_returns, last_evaluation_episodes
@@ -136,7 +137,7 @@ def show_runs(runs: Sequence[RunSettings], results: Results) -> None:
                 line = record.reading(partial(line_with_returns, record, more))
                 status = "" if line.status == "finished" else f" ({line.status})"
                 returns = line.last_return, line.evaluation_return, line.evaluation_return_at_end
-                means = ["" if mean is None else f"{mean:.0f}" for mean in returns]
+                means = ["" if mean is None else whole(mean) for mean in returns]
                 differs = differs or means[1] != means[2]
                 rows.append([record.id + status, line.episodes, *means])
                 evaluated.append(record.reading(partial(last_evaluation_episodes, record, more)))

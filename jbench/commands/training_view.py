@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from rich.progress import TaskID
 
 from jbench.commands.progress import LastReturns, Meters, sparkline
+from jbench.report.numbers import whole
 from jbench.settings.run import RunSettings
 from jbench.training.events import (
     EpisodeEnded,
@@ -156,10 +157,10 @@ class _Process:
         if not values:
             return LastReturns()
 
-        mean = f"{fmean(values):.0f}"
-        text = " ".join(f"{value:.0f}" for value in values)
+        mean = whole(fmean(values))
+        text = " ".join(whole(value) for value in values)
         if len(values) > _MAX_RETURNS:
-            text = f"mean {mean} [{min(values):.0f}, {max(values):.0f}]"
+            text = f"mean {mean} [{whole(min(values))}, {whole(max(values))}]"
 
         at = steps / len(self.runs)
         published = published_median(self.runs[0], at) if self._alike else None
@@ -169,7 +170,7 @@ class _Process:
             sparkline(self.curve, highest, lowest),
             f"training return {text}",
             f"return {mean}" if len(values) == 1 else f"mean return {mean}",
-            "" if published is None else f"(published {published:.0f})",
+            "" if published is None else f"(published {whole(published)})",
         )
 
     @property

@@ -71,6 +71,14 @@ def test_evaluation_return_is_the_mean_of_the_last_evaluation(tmp_path, capsys):
     assert few in " ".join(printed.split())
 
 
+def test_small_returns_have_two_digits(tmp_path, capsys):
+    add_run(tmp_path, [0.5, 0.54])
+    assert main(["runs", "--returns", "--results", str(tmp_path)]) == 0
+    show_runs([RUN], Results(tmp_path))
+    rows = [line for line in capsys.readouterr().out.splitlines() if RUN.id in line]
+    assert [row.split()[-2:] for row in rows] == [["7", "0.52"]] * 2
+
+
 def test_last_evaluation_of_many_episodes_is_quoted_also_if_the_others_have_few(tmp_path, capsys):
     add_run(tmp_path, [5.0] * 2, [5.0] * 25)
     show_runs([RUN], Results(tmp_path))

@@ -13,7 +13,7 @@ from jbench.errors import RequestError, WorkError
 from jbench.names import POLICY_FILES, in_prose
 from jbench.store import record_files, schema
 from jbench.store.database import Results
-from jbench.store.manifest import KINDS, MANIFEST, RecordKind
+from jbench.store.manifest import ID, KINDS, MANIFEST, RecordKind
 from jbench.store.quarantine import Quarantine
 from jbench.store.record import Folder, Record
 from jbench.store.verify import ShowProgress, examine, no_progress
@@ -67,7 +67,9 @@ def merge(
                 merged.append(Merged(name, _merged(results, source, folder, quarantine, refused)))
             except (WorkError, RequestError) as error:
                 merged.append(Merged(name, "refused", str(error)))
-                if isinstance(error, _OriginError) or results.has(folder.kind, folder.id):
+                # A folder of a stranger may have a name that is not an id.
+                is_here = bool(ID.fullmatch(folder.id)) and results.has(folder.kind, folder.id)
+                if isinstance(error, _OriginError) or is_here:
                     refused.add((source, folder.kind, folder.id))
 
             show(len(merged))

@@ -383,7 +383,7 @@ def test_ids_and_settings_are_completed(words, offered, demo_results, monkeypatc
 
 
 def test_dry_run_of_train_shows_time_left_and_trains_nothing(tmp_path, document, monkeypatch):
-    monkeypatch.setattr(engines, "stepping", lambda *_: 0.001)
+    monkeypatch.setattr(engines, "stepping", lambda *_, **__: 0.001)
     one = ("--algo", "td3", "--seed", "3", "--steps", "1000")
     forecast = document("train", "--dry-run", *one, results=tmp_path)
     (cell,) = forecast["configurations"]

@@ -87,12 +87,12 @@ def test_sweep_makes_prerequisites_and_repeating_it_changes_nothing(tmp_path, re
     assert done.returncode == 0
     assert "4 of 4 runs are already finished; nothing to do." in done.stdout
     assert {path: path.read_bytes() for path in results.rglob("manifest.json")} == before
-    # The forecast of more runs is based on the measured ones.
+    # The forecast of more runs is based on a measurement of this machine, not on its records.
     done = sweep(matrix, results, "--seeds", "0-2", "--dry-run", "--json")
     assert done.returncode == 0
     cells = json.loads(done.stdout)["configurations"]
     assert [(cell["finished"], cell["missing"], cell["estimate"]) for cell in cells] == [
-        (2, 1, "measured runs")
+        (2, 1, "a quick measurement")
     ] * 2
     succeed("verify", results=results, short=True)
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from jbench.names import RETURNS
+from jbench.names import FULL, RETURNS
 from jbench.report.analysis.judging import Comparison, judge
 from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, Range, ranges, strata, together
 from jbench.report.data.configuration import Configuration, Configurations
@@ -166,12 +166,15 @@ def pair_frame(configurations: Configurations, verdicts: pd.DataFrame) -> pd.Dat
     trained equally long. p has a 95% interval. decided is as in the verdicts on the same kind of
     return; for other pairs, 0.5 has to be outside of an interval corrected for their number.
     """
-    samples = {
-        (first, other): pair.sample(st.probability_of_improvement)
-        for first, other in combinations((c for c in configurations if not c.robots), 2)
-        if first.task == other.task and first.trained == other.trained
-        if (pair := Pair(first, other)).decidable
-    }
+    samples: dict[tuple[Configuration, Configuration], st.Resampled] = {}
+    for pair in combinations((c for c in configurations if not c.robots), 2):
+        # Resampled in an order of their own, so that the order on the page changes no number.
+        first, other = sorted(pair, key=lambda c: (c.representation != FULL, c.representation))
+        compared = Pair(first, other)
+        is_alike = first.task == other.task and first.trained == other.trained
+        if is_alike and compared.decidable:
+            samples[first, other] = compared.sample(st.probability_of_improvement)
+
     level = corrected_level([partial(_is_decided, sample) for sample in samples.values()])
 
     final = verdicts[verdicts["claim"] == "a"]

@@ -7,6 +7,7 @@ A table stands between `<!-- table: NAME -->` and `<!-- end of table -->`. Its n
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -59,12 +60,14 @@ class Agents:
         words: whose settings they have, and what they observe.
         task: what they learn.
         representation: as the database names it.
-        is_standardized: whether they standardize their inputs, as those of Figure 7.
+        settings: those of Table 1 (`published`) or of Figures 7 and 8 (`figure8`).
+        is_standardized: whether they standardize their inputs, as `figure8` has it by default.
     """
 
     words: str
     task: str
     representation: str
+    settings: Literal["published", "figure8"]
     is_standardized: bool
 
 
@@ -115,10 +118,17 @@ DIFFERENCES_ORDER = (
 
 
 FIGURE_7 = (
-    Agents("Table 1: 16 numbers (`full`)", TASKS[0], "full", is_standardized=False),
-    Agents("Table 1: 12 latents (`dae12`)", TASKS[0], "dae12", is_standardized=False),
-    Agents("Figure 7: 16 numbers (`raw`)", TASKS[0], "raw16", is_standardized=True),
-    Agents("Figure 7: 12 latents (`dae12-script`)", TASKS[0], "dae12-script", is_standardized=True),
+    Agents("Table 1: 16 numbers (`full`)", TASKS[0], "full", "published", False),
+    Agents("Table 1: 12 latents (`dae12`)", TASKS[0], "dae12", "published", False),
+    Agents("Figure 7: 16 numbers (`raw`)", TASKS[0], "raw16", "figure8", True),
+    Agents("Figure 7: 12 latents (`dae12-script`)", TASKS[0], "dae12-script", "figure8", True),
+)
+
+STANDARDIZED = (
+    Agents("16 numbers (`raw`), standardized", TASKS[0], "raw16", "figure8", True),
+    Agents("16 numbers (`full`) as they are", TASKS[0], "full", "figure8", False),
+    Agents("12 latents, standardized", TASKS[0], "dae12-script", "figure8", True),
+    Agents("12 latents as they are", TASKS[0], "dae12-script", "figure8", False),
 )
 
 FIGURE_8 = (
@@ -126,13 +136,15 @@ FIGURE_8 = (
         "16 numbers (`raw-without-speed_in_target_frame`)",
         TASKS[1],
         "raw16-without-speed_in_target_frame",
-        is_standardized=True,
+        "figure8",
+        True,
     ),
     Agents(
         "12 latents of them (`dae12-without-speed_in_target_frame-script`)",
         TASKS[1],
         "dae12-without-speed_in_target_frame-script",
-        is_standardized=True,
+        "figure8",
+        True,
     ),
 )
 
@@ -271,11 +283,14 @@ def differences_table(numbers: ShippedNumbers) -> str:
 def ddpg_evaluations() -> pd.DataFrame:
     """Returns mean evaluation returns of DDPG: a row for each evaluation.
 
-    Its columns are task, representation, is_standardized, seed, control_steps and mean.
+    Its columns are task, representation, settings, is_standardized, seed, control_steps and mean;
+    see `Agents`. Only the settings of Figures 7 and 8 have minibatches of 64.
     """
+    hyperparameter = "runs.settings->>'$.hyperparameters.{}'".format
     return jbench.open("reference").query(
         "SELECT task, representation, seed, control_steps, avg(episode_return) AS mean, "
-        "coalesce(settings->>'$.hyperparameters.normalize' = 'running', false) AS is_standardized "
+        f"if({hyperparameter('batch_size')} = '64', 'figure8', 'published') AS settings, "
+        f"coalesce({hyperparameter('normalize')} = 'running', false) AS is_standardized "
         "FROM evaluations JOIN runs USING (run) "
         "WHERE algo = 'ddpg' AND engine = 'batched' GROUP BY ALL"
     )
@@ -301,6 +316,7 @@ def _curves(agents: Agents, evaluations: pd.DataFrame) -> pd.DataFrame:
     """Returns mean evaluation returns by control step and seed."""
     chosen = evaluations["task"] == agents.task
     chosen &= evaluations["representation"] == agents.representation
+    chosen &= evaluations["settings"] == agents.settings
     chosen &= evaluations["is_standardized"] == agents.is_standardized
     return evaluations[chosen].pivot(index="control_steps", columns="seed", values="mean")
 
@@ -336,7 +352,8 @@ def pages(numbers: ShippedNumbers) -> dict[Path, str]:
     answer_table = main_table(numbers, ANSWER_ROWS, "the agent observes")
     answer_text = with_table(answer.read_text("utf-8"), "main", answer_table)
     evaluations = ddpg_evaluations()
-    for name, columns in (("figure-7", FIGURE_7), ("figure-8", FIGURE_8)):
+    by_step = {"figure-7": FIGURE_7, "standardized": STANDARDIZED, "figure-8": FIGURE_8}
+    for name, columns in by_step.items():
         answer_text = with_table(answer_text, name, table_by_step(columns, evaluations))
     return {
         readme: with_table(readme.read_text("utf-8"), "main", readme_table),

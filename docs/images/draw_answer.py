@@ -20,6 +20,7 @@ from jbench.store.shipped import shipped_results
 HERE = Path(__file__).parent
 COLORS = 256
 SMALLER = 0.7  # than in a paper
+BOTH = ("running", "none")
 
 
 class Drawing(NamedTuple):
@@ -27,7 +28,8 @@ class Drawing(NamedTuple):
 
     Attributes:
         columns: its width in columns of a paper; with one, a phone shows it at a legible size.
-        is_standardized: whether its agents standardize their inputs, as those of the authors.
+        settings: of its agents: those of Table 1 (`published`) or of Figures 7 and 8 (`figure8`).
+        normalize: what its agents do with their inputs.
         representations: those whose runs it shows; none for all.
     """
 
@@ -36,7 +38,8 @@ class Drawing(NamedTuple):
     task: str = "face_direction"
     algo: str = "td3"
     columns: int = 1
-    is_standardized: bool = False
+    settings: str = "published"
+    normalize: tuple[str, ...] = ("none",)
     representations: tuple[str, ...] = ()
 
 
@@ -47,13 +50,15 @@ DRAWINGS = (
     ),
     Drawing("answer-td3", columns=2),
     Drawing("answer-harder", task="move_in_direction", columns=2),
-    Drawing("answer-authors", algo="ddpg", columns=2, is_standardized=True),
+    Drawing("answer-authors", algo="ddpg", columns=2, settings="figure8", normalize=("running",)),
+    Drawing("answer-standardized", algo="ddpg", columns=2, settings="figure8", normalize=BOTH),
     Drawing(
         "answer-authors-harder",
         task="move_in_direction",
         algo="ddpg",
         columns=2,
-        is_standardized=True,
+        settings="figure8",
+        normalize=("running",),
     ),
 )
 
@@ -69,8 +74,10 @@ def copy_compared(target: Path, drawing: Drawing) -> Results:
         if drawing.representations and representation not in drawing.representations:
             continue
 
-        is_standardized = run.settings["hyperparameters"].get("normalize") == "running"
-        if is_standardized == drawing.is_standardized:
+        hyperparameters = run.settings["hyperparameters"]
+        settings = "figure8" if hyperparameters.get("batch_size") == 64 else "published"
+        normalize = hyperparameters.get("normalize", "none")
+        if settings == drawing.settings and normalize in drawing.normalize:
             shutil.copytree(run.path, target / run.path.relative_to(source.path))
 
     for kind in ("encoders", "evaluations"):

@@ -17,6 +17,7 @@ from scipy.stats import trim_mean
 import jbench
 from jbench.names import in_prose
 from jbench.report.frames import Frames
+from jbench.statistics.bootstrap import difference, estimate, interquartile_mean
 from jbench.store.shipped import shipped_results
 from tests.command_line import succeed
 from tests.documentation import ROOT
@@ -51,6 +52,7 @@ QUERY = """SELECT algo, task, seed, {columns}, representation
 || if((settings->>'$.hyperparameters.mirror') = 'true', ', mirror=true', '') AS representation
 FROM {table} JOIN runs USING (run) WHERE engine = 'batched' AND algo IN ('td3', 'ddpg')
 AND settings->>'precision' IS NULL AND settings->>'$.hyperparameters.normalize' IS NULL
+AND (settings->>'$.hyperparameters.batch_size') <> '64'
 GROUP BY ALL ORDER BY ALL"""
 
 
@@ -289,7 +291,7 @@ def test_what_makes_the_latents_of_the_autoencoder_useful(finals):
 def test_whether_agents_vary_less(returns):
     verdicts = chosen_from(shipped().verdicts, returns="evaluation", claim="b")
     rows = verdicts[~verdicts["verdict"].isin(["undecided", None])]
-    more = ("dae-yaw13", "full"), ("dae-yaw13", "scaled"), (WHITENED, "scaled")
+    more = (WHITENED, "scaled"), ("dae-yaw13", "full"), ("dae-yaw13", "scaled")
     assert [*rows[["algo", "representation", "against", "verdict"]].itertuples(index=False)] == [
         ("DDPG", "planar", "scaled", "less variable"),
         *(("TD3", *pair, "more variable") for pair in more),
@@ -407,22 +409,35 @@ def test_published_figures_7_and_8():
 
 RAW_16 = "raw16-without-speed_in_target_frame"
 SCRIPT_16 = "dae12-without-speed_in_target_frame-script"
-FIGURE_7 = (("full", False), ("dae12", False), ("raw16", True), ("dae12-script", True))
-FIGURE_8 = ((RAW_16, True), (SCRIPT_16, True))
-"""Representations, and whether inputs are standardized: the columns of two tables."""
+FIGURE_7 = (
+    ("full", "published", False),
+    ("dae12", "published", False),
+    ("raw16", "figure8", True),
+    ("dae12-script", "figure8", True),
+)
+FIGURE_8 = ((RAW_16, "figure8", True), (SCRIPT_16, "figure8", True))
+STANDARDIZED = (
+    ("raw16", "figure8", True),
+    ("full", "figure8", False),
+    ("dae12-script", "figure8", True),
+    ("dae12-script", "figure8", False),
+)
+"""Representations, settings, and whether inputs are standardized: the columns of three tables."""
 
 
 @pytest.fixture(scope="module")
 def ddpg_evaluations():
-    """Returns, by (task, representation, is standardized), evaluations of DDPG by seed."""
+    """Returns, by (task, representation, settings, is standardized), evaluations by seed."""
     found = {}
     for record in shipped_results().scan("run")[0]:
         task, algo, representation, _ = record.id.split("/")
         if algo == "ddpg":
-            normalize = record.settings["hyperparameters"].get("normalize")
+            hyperparameters = record.settings["hyperparameters"]
+            settings = "figure8" if hyperparameters["batch_size"] == 64 else "published"
+            is_standardized = hyperparameters.get("normalize") == "running"
             rows = record.read("evaluations").to_pandas()
             means = rows.groupby("control_steps")["episode_return"].mean()
-            agents = found.setdefault((task, representation, normalize == "running"), {})
+            agents = found.setdefault((task, representation, settings, is_standardized), {})
             agents[record.settings["seed"]] = means
     return found
 
@@ -431,6 +446,7 @@ def ddpg_evaluations():
     ("heading", "task", "columns"),
     [
         ("Figure 7: 16 numbers", TASKS[0], FIGURE_7),
+        ("16 numbers (`raw`), standardized", TASKS[0], STANDARDIZED),
         ("`raw-without-speed_in_target_frame`", TASKS[1], FIGURE_8),
     ],
 )
@@ -494,6 +510,49 @@ def test_comparisons_of_the_agents_of_figure_7():
     spread = spread.set_index(["representation", "words"])["s"]
     latents, full = (spread[name, "settings=figure8"] for name in ("dae12-script", "raw"))
     assert f"is {latents:.0f} with the latents and {full:.0f} with the full observation." in page
+
+
+def test_agents_without_standardized_inputs(ddpg_evaluations):
+    raw, full, _, latents = (ddpg_evaluations[TASKS[0], *agents] for agents in STANDARDIZED)
+    page = text_of("answer")
+    assert [len(seeds) for seeds in (raw, full, latents)] == [10, 5, 5]
+    early = lowest_to_highest([means[100_000] for means in full.values()])
+    assert f"five agents with `full` get {early}, and the ten with `raw` get" in page
+    assert lowest_to_highest([means[100_000] for means in raw.values()]) == "44 to 280"
+    full_end = [means.iloc[-1] for means in full.values()]
+    latents_end = [means.iloc[-1] for means in latents.values()]
+    learned = [value for value in full_end if value > 500]
+    assert len(learned) == 4
+    assert (
+        f"four of the five with `full` get {lowest_to_highest(learned)}, one gets "
+        f"{min(full_end):.0f}, and the five with latents {lowest_to_highest(latents_end)}." in page
+    )
+
+    configurations = chosen_from(shipped().seeds, returns="evaluation", algo="DDPG", task=TASKS[0])
+    seeds = {
+        key: rows.sort_values("seed")
+        for key, rows in configurations.groupby(["representation", "words"])
+    }
+    running = seeds["dae12-script", "settings=figure8"]
+    none = seeds["dae12-script", "settings=figure8, normalize=none"]
+    found = difference_in_words(running["over_run"], none["over_run"])
+    assert f"over the run differ by {found}, and those" in page
+    found = difference_in_words(running["final"], none["final"])
+    assert f"those at the end by {found}." in page
+
+    verdicts = chosen_from(shipped().verdicts, representation="dae12-script", returns="evaluation")
+    rows = chosen_from(verdicts, words="settings=figure8, normalize=none", against="full")
+    by_claim = {row.claim: row for row in rows.itertuples()}
+    assert {row.corrected_by for row in by_claim.values()} == {"fewer than 6 seeds"}
+    for claim, words in (("c", "over the run"), ("a", "at the end")):
+        row = by_claim[claim]
+        interval = f"{row.value:+.0f} [{row.low:+.0f}, {row.high:+.0f}]"
+        assert f"{interval} {words}" in page
+
+
+def difference_in_words(ours, theirs):
+    found = estimate(difference(interquartile_mean), [np.array(ours)], [np.array(theirs)])
+    return f"{found.value:+.0f} [{found.low:+.0f}, {found.high:+.0f}]"
 
 
 def test_the_agents_of_figure_8(ddpg_evaluations):

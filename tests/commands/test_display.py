@@ -26,8 +26,12 @@ RUN = RunSettings(
 
 
 # A quarter is 6 and 7, and 100 at most, 900 to 999.
-@pytest.mark.parametrize(("episodes", "mean"), [(3, 2.0), (8, 6.5), (1000, 949.5)])
-def test_final_return_is_equal_in_tables_listings_and_reports(episodes, mean, tmp_path, capsys):
+@pytest.mark.parametrize(
+    ("episodes", "mean", "shown"), [(3, 2.0, "2"), (8, 6.5, "6.5"), (1000, 949.5, "950")]
+)
+def test_final_return_is_equal_in_tables_listings_and_reports(
+    episodes, mean, shown, tmp_path, capsys
+):
     returns = np.arange(float(episodes))
     record = Results(tmp_path).create("run", RUN.id, RUN.model_dump(mode="json"))
     record.append({"episodes": store_rows.episodes(RUN.id, returns)})
@@ -39,7 +43,7 @@ def test_final_return_is_equal_in_tables_listings_and_reports(episodes, mean, tm
     assert reported.tolist() == [mean]
     show_runs([RUN], Results(tmp_path))
     (row,) = (line for line in capsys.readouterr().out.splitlines() if RUN.id in line)
-    assert row.split()[-2:] == [str(episodes), f"{mean:.0f}"]
+    assert row.split()[-2:] == [str(episodes), shown]
 
 
 def add_run(path, *evaluations):

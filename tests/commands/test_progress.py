@@ -66,7 +66,7 @@ def test_published_median_at_same_step_follows_last_returns(tmp_path):
         view.show(episode(runs[0], 1_500_000, 12.4))
         view.show(episode(runs[1], 500_000, 999.6))
         # The mean of both is a million steps: Figure 9, digitized in published_curves.csv.
-        assert any("▁█ training return 12 1000 (published 953)" in line for line in shown(view))
+        assert any("▁█ training return 12 1,000 (published 953)" in line for line in shown(view))
     encoded = runs[0].model_copy(update={"representation": "planar12"})
     assert published_median(encoded, 1e6) is None
 

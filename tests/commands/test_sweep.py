@@ -142,7 +142,7 @@ def test_sweep_stopped_by_ctrl_c_resumes(tmp_path, results):
     matrix = write_matrix(tmp_path, steps=1000, seeds="0")
     (run,) = runs_of_matrix(matrix, results)
     nothing = "No run has begun yet; the same command begins again."
-    assert kept_runs([run], results) == nothing
+    assert kept_runs([run], Results(results)) == nothing
     process = start(matrix, "--checkpoint-every", "0", results=results)
     wait_until(lambda: committed(run, results), process)
     (pid,) = workers(process)

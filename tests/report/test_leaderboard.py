@@ -91,10 +91,9 @@ def test_command_ranks_runs_of_directories(directories, capsys):
     assert {one["entry"] for one in entries} == {str(directories), "reference", "published"}
     ranked = {(one["entry"], one["algo"]): one["rank"] for one in entries if one["rank"]}
     assert ranked[str(directories), "TD3"] == 1
-    # SAC is below TD3 and sixteen shipped cells of six or more seeds. The interval of the last of
-    # them, DDPG on dae12, contains that of SAC, but DDPG shares the rank of a cell whose interval
-    # does not.
-    assert ranked[str(directories), "SAC"] == 18
+    # Of the shipped cells of six or more seeds above SAC, DDPG on raw begins a rank at the place 14.
+    # Its interval is so wide (212 to 850) that SAC shares this rank.
+    assert ranked[str(directories), "SAC"] == 14
 
 
 def test_directory_that_is_typed_twice_is_ranked_once(directories, tmp_path, capsys):

@@ -14,15 +14,15 @@ from jbench.settings.algorithms import (
     default_time_limit,
 )
 from jbench.settings.base import canonical_json, typed_default
-from jbench.settings.recorded import Flat, Run, flatten
-from jbench.settings.records import EXTERNAL
+from jbench.settings.recorded import (
+    HYPERPARAMETERS,
+    Flat,
+    Run,
+    SettingPath,
+    flatten,
+    has_known_defaults,
+)
 from jbench.settings.run import TYPED, RunSettings
-
-HYPERPARAMETERS = "hyperparameters"
-"""The table of a run's settings that has those of its algorithm."""
-
-Path = tuple[str, ...]
-"""Where a setting is, as `flatten` has it."""
 
 BASE = "settings"
 """The option of `jbench train` that chooses a source of all hyperparameters."""
@@ -61,7 +61,7 @@ def chosen(run: RunSettings) -> Chosen:
     )
 
 
-def chosen_paths(run: Run | Mapping[str, Any]) -> set[tuple[str, ...]]:
+def chosen_paths(run: Run | Mapping[str, Any]) -> set[SettingPath]:
     """Returns the paths of the settings of a run that are known not to be the defaults.
 
     Unknown are the defaults of other programs, and of hyperparameters of other packages.
@@ -70,16 +70,16 @@ def chosen_paths(run: Run | Mapping[str, Any]) -> set[tuple[str, ...]]:
         return set()
 
     what = chosen(run)
-    paths: set[tuple[str, ...]] = {(name,) for name in what.options}
+    paths: set[SettingPath] = {(name,) for name in what.options}
     paths |= {("ofe", name) for name in what.features}
     if what.base is not None:
-        paths |= {("hyperparameters", name) for name in what.hyperparameters}
+        paths |= {(HYPERPARAMETERS, name) for name in what.hyperparameters}
         paths |= set() if what.is_usual_base else {(BASE,)}
 
     return paths
 
 
-def foreign_differences(runs: Iterable[Run]) -> dict[str, set[Path]]:
+def foreign_differences(runs: Iterable[Run]) -> dict[str, set[SettingPath]]:
     """Returns the hyperparameters in which runs of an algorithm differ, by algorithm.
 
     They are those of algorithms of other packages, whose defaults are unknown: where one of them
@@ -87,16 +87,15 @@ def foreign_differences(runs: Iterable[Run]) -> dict[str, set[Path]]:
     """
     recorded: dict[str, list[Flat]] = {}
     for run in runs:
-        if run.algo not in SETTINGS or run.engine == EXTERNAL:
-            flat = {
-                path: value for path, value in flatten(run).items() if path[0] == HYPERPARAMETERS
-            }
-            recorded.setdefault(str(run.algo), []).append(flat)
+        if has_known_defaults(run):
+            continue
+        flat = {path: value for path, value in flatten(run).items() if path[0] == HYPERPARAMETERS}
+        recorded.setdefault(str(run.algo), []).append(flat)
 
     return {algo: differing_paths(flats) for algo, flats in recorded.items()}
 
 
-def differing_paths(flats: Collection[Flat]) -> set[Path]:
+def differing_paths(flats: Collection[Flat]) -> set[SettingPath]:
     """Returns the paths that do not have one value everywhere."""
     return {
         path

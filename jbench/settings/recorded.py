@@ -17,8 +17,14 @@ from jbench.settings.base import canonical_json, settings_hash
 from jbench.settings.records import EXTERNAL, ExternalSettings, Specs, episode_steps
 from jbench.settings.run import RunSettings
 
-Flat = dict[tuple[str, ...], Any]
-"""Settings by path, such as ("hyperparameters", "tau")."""
+SettingPath = tuple[str, ...]
+"""Where a setting is, such as ("hyperparameters", "tau")."""
+
+Flat = dict[SettingPath, Any]
+"""Settings by path."""
+
+HYPERPARAMETERS = "hyperparameters"
+"""The table of a run's settings that has those of its algorithm."""
 
 SEED = ("seed",)
 VARIANT = (*SEED, "steps")
@@ -165,19 +171,23 @@ def with_implied(*names: str) -> set[str]:
     return {*names, *(implied for name in names for implied in _IMPLIED.get(name, ()))}
 
 
+def has_known_defaults(run: Run) -> bool:
+    """Returns whether the algorithm of a run, and so the defaults it has, are jbench's own."""
+    return run.engine != EXTERNAL and run.algo in SETTINGS
+
+
 def flatten(settings: Run | Mapping[str, Any]) -> Flat:
     """Returns settings by path, with omitted defaults, without an encoder of the seed's own."""
     if isinstance(settings, Mapping):
         return _flat(json.loads(canonical_json(settings)), ())
     values = json.loads(canonical_json(_shared(settings.values)))
-    ours = settings.engine != EXTERNAL and settings.algo in SETTINGS
-    if ours and isinstance(values.get("hyperparameters"), dict):
+    if has_known_defaults(settings) and isinstance(values.get(HYPERPARAMETERS), dict):
         omitted = SETTINGS[str(settings.algo)].omitted()
-        values["hyperparameters"] = omitted | values["hyperparameters"]
+        values[HYPERPARAMETERS] = omitted | values[HYPERPARAMETERS]
     return _flat(RunSettings.omitted() | values, ())
 
 
-def _flat(values: Mapping[str, Any], path: tuple[str, ...]) -> Flat:
+def _flat(values: Mapping[str, Any], path: SettingPath) -> Flat:
     """Returns the values of nested mappings by their paths."""
     flat: Flat = {}
     for name, value in values.items():

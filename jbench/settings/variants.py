@@ -10,11 +10,19 @@ from typing import Any
 from jbench.names import TASKS
 from jbench.settings.algorithms import SETTINGS, algorithm_settings, default_base
 from jbench.settings.code_words import code_word
-from jbench.settings.defaults import BASE, Path, chosen_paths, differing_paths, nearest_base
-from jbench.settings.recorded import COMPARED, VARIANT, Flat, Run, alike, flatten
+from jbench.settings.defaults import BASE, chosen_paths, differing_paths, nearest_base
+from jbench.settings.recorded import (
+    COMPARED,
+    HYPERPARAMETERS,
+    VARIANT,
+    Flat,
+    Run,
+    SettingPath,
+    alike,
+    flatten,
+)
 from jbench.settings.run import RunSettings
 
-_TABLE = "hyperparameters"
 _NAMED_SETTINGS = 4
 _VALUE_LENGTH = 34
 
@@ -57,7 +65,7 @@ def variant_words(
     settings: Mapping[str, Run],
     dates: Mapping[str, str] | None = None,
     encoders: Mapping[str, str] | None = None,
-    elsewhere: Collection[Path] = (),
+    elsewhere: Collection[SettingPath] = (),
 ) -> dict[str, list[str]]:
     """Returns the words that name variants of one algorithm and representation in legends.
 
@@ -112,7 +120,7 @@ def hyperparameter_words(run: Run) -> list[str]:
     return [
         f"{path[-1]}={_text(value)}"
         for path, value in _chosen(run).items()
-        if path[0] in (BASE, _TABLE)
+        if path[0] in (BASE, HYPERPARAMETERS)
     ]
 
 
@@ -151,7 +159,7 @@ def _labels(
     left_out: Collection[str] = VARIANT,
     *,
     in_words: bool = False,
-    always: Mapping[str, Collection[Path]] | None = None,
+    always: Mapping[str, Collection[SettingPath]] | None = None,
 ) -> dict[str, list[str]]:
     """Returns the words of labels of variants, made by a form of names and values.
 
@@ -226,7 +234,7 @@ def _with_base(flat: Flat, only_recorded: bool) -> Flat:
     and so is the name of the base that is the task's default.
     """
     algo = flat.get(("algo",))
-    given = {path: value for path, value in flat.items() if path[0] == _TABLE}
+    given = {path: value for path, value in flat.items() if path[0] == HYPERPARAMETERS}
     if algo not in SETTINGS or not given:
         return flat
 
@@ -237,7 +245,7 @@ def _with_base(flat: Flat, only_recorded: bool) -> Flat:
     assert base is not None
     changes = given if base == "published" else published
     if only_recorded:
-        omitted = flatten({_TABLE: SETTINGS[algo].omitted()})
+        omitted = flatten({HYPERPARAMETERS: SETTINGS[algo].omitted()})
         changes = {p: v for p, v in changes.items() if v != omitted.get(p, ...)}
     if base != "published":
         source = _bases(algo)[base]
@@ -252,7 +260,7 @@ def _bases(algo: str) -> dict[str, Flat]:
     """Returns the flat hyperparameters of each source that an algorithm has."""
     omitted = SETTINGS[algo].omitted()
     return {
-        base: flatten({_TABLE: omitted | algorithm_settings(algo, base).values})
+        base: flatten({HYPERPARAMETERS: omitted | algorithm_settings(algo, base).values})
         for base in SETTINGS[algo].bases
     }
 

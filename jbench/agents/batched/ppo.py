@@ -58,15 +58,13 @@ class PPOLearner(Learner[PPOSettings]):
         is_shared = self.settings.shared_layers
         hidden = self.policy_layout.sizes[:-1]
         # One network with the outputs mu(s) and V(s), or two networks.
-        outputs = [self.action_size + 1] if is_shared else [self.action_size, 1]
-        actor_layout, *critic_layout = [Layout((*hidden, count)) for count in outputs]
+        actor_layout = Layout((*hidden, self.action_size + (1 if is_shared else 0)))
+        critic_layout = Layout((*hidden, 1))
 
         # Networks and log sigma are one vector, because their gradient is clipped by its norm.
-        lengths = [
-            actor_layout.length,
-            aligned(self.action_size),
-            *(layout.length for layout in critic_layout),
-        ]
+        lengths = [actor_layout.length, aligned(self.action_size)]
+        if not is_shared:
+            lengths.append(critic_layout.length)
         self._values = view.state("policy", sum(lengths))
         self._gradient = view.scratch("policy.gradient", sum(lengths))
         values = self._values.split(lengths, dim=-1)
@@ -77,8 +75,8 @@ class PPOLearner(Learner[PPOSettings]):
         self._log_sigma_gradient = gradients[1][..., : self.action_size]
         self.critic = self.actor
         self._networks = [self.actor]
-        for layout in critic_layout:
-            self.critic = Network(view, layout, values[2], gradients[2], workspace="critic")
+        if not is_shared:
+            self.critic = Network(view, critic_layout, values[2], gradients[2], workspace="critic")
             self._networks.append(self.critic)
 
         self._optimizer = Adam(

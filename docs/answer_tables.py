@@ -4,6 +4,7 @@ A table stands between `<!-- table: NAME -->` and `<!-- end of table -->`. Its n
 `jbench report --results reference`; the sentences around it are written by hand.
 """
 
+import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,7 @@ from scipy.stats import permutation_test
 
 import jbench
 from jbench.report.frames import Frames
+from jbench.settings.defaults import nearest_base
 from jbench.statistics import FloatArray
 from jbench.statistics.bootstrap import difference, estimate, interquartile_mean
 from jbench.store.shipped import shipped_results
@@ -284,15 +286,24 @@ def ddpg_evaluations() -> pd.DataFrame:
     """Returns mean evaluation returns of DDPG: a row for each evaluation.
 
     Its columns are task, representation, settings, is_standardized, seed, control_steps and mean;
-    see `Agents`. Only the settings of Figures 7 and 8 have minibatches of 64.
+    see `Agents`.
     """
-    hyperparameter = "runs.settings->>'$.hyperparameters.{}'".format
-    return jbench.open("reference").query(
+    rows = jbench.open("reference").query(
         "SELECT task, representation, seed, control_steps, avg(episode_return) AS mean, "
-        f"if({hyperparameter('batch_size')} = '64', 'figure8', 'published') AS settings, "
-        f"coalesce({hyperparameter('normalize')} = 'running', false) AS is_standardized "
+        "runs.settings->>'$.hyperparameters' AS hyperparameters "
         "FROM evaluations JOIN runs USING (run) "
         "WHERE algo = 'ddpg' AND engine = 'batched' GROUP BY ALL"
+    )
+    settings = {}
+    is_standardized = {}
+    for (task, text), _ in rows.groupby(["task", "hyperparameters"]):
+        hyperparameters = json.loads(text)
+        settings[text] = nearest_base("ddpg", hyperparameters, task)
+        is_standardized[text] = hyperparameters.get("normalize") == "running"
+
+    return rows.assign(
+        settings=rows["hyperparameters"].map(settings),
+        is_standardized=rows["hyperparameters"].map(is_standardized),
     )
 
 

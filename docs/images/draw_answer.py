@@ -14,6 +14,7 @@ from PIL import Image
 from jbench.report import figures, style
 from jbench.report.frames import Frames
 from jbench.report.request import Request
+from jbench.settings.defaults import nearest_base
 from jbench.store import Results
 from jbench.store.shipped import shipped_results
 
@@ -75,7 +76,7 @@ def copy_compared(target: Path, drawing: Drawing) -> Results:
             continue
 
         hyperparameters = run.settings["hyperparameters"]
-        settings = "figure8" if hyperparameters.get("batch_size") == 64 else "published"
+        settings = nearest_base(run.settings["algo"], hyperparameters, run.settings["task"])
         normalize = hyperparameters.get("normalize", "none")
         if settings == drawing.settings and normalize in drawing.normalize:
             shutil.copytree(run.path, target / run.path.relative_to(source.path))

@@ -32,16 +32,32 @@ _GREEK = [
 ]
 """Commands of the letters from U+03B1 on, which pdflatex lacks; omicron has none."""
 
-_CAPITALS = {0x393: "Gamma", 0x398: "Theta", 0x39B: "Lambda", 0x39E: "Xi", 0x3A0: "Pi"}
-_CAPITALS |= {0x3A5: "Upsilon", 0x3A6: "Phi", 0x3A8: "Psi"}
+_CAPITALS = (
+    "Gamma",
+    "Delta",
+    "Theta",
+    "Lambda",
+    "Xi",
+    "Pi",
+    "Sigma",
+    "Upsilon",
+    "Phi",
+    "Psi",
+    "Omega",
+)
+"""Commands of the capitals that are no Latin letters."""
+
+
+def _capital(name: str) -> str:
+    """Returns a Greek capital by its name, such as Gamma."""
+    unicode_name = name.upper().replace("LAMBDA", "LAMDA")
+    return unicodedata.lookup(f"GREEK CAPITAL LETTER {unicode_name}")
+
 
 _LATEX = str.maketrans(
     {
         **{chr(0x3B1 + place): f"$\\{name}$" for place, name in enumerate(_GREEK) if name},
-        "\N{GREEK CAPITAL LETTER DELTA}": r"$\Delta$",
-        "\N{GREEK CAPITAL LETTER SIGMA}": r"$\Sigma$",
-        "\N{GREEK CAPITAL LETTER OMEGA}": r"$\Omega$",
-        **{chr(place): f"$\\{name}$" for place, name in _CAPITALS.items()},
+        **{_capital(name): f"$\\{name}$" for name in _CAPITALS},
         "µ": r"$\mu$",
         "°": r"$^\circ$",
         "±": r"$\pm$",

@@ -1,4 +1,4 @@
-"""What Ctrl-C says: what a command has kept, and how the same command goes on."""
+"""What a command prints when Ctrl-C stops it: what is saved, and what repeating it does."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -37,7 +37,7 @@ def kept_encoders(encoders: Sequence["EncoderSettings"], results: "Results") -> 
     finished = sum(record is not None and record.status == "finished" for record in records)
     begun = [record for record in records if record is not None and CHECKPOINT in record.roles()]
     if finished:
-        return _of_several("encoder", len(encoders), finished, len(begun))
+        return _saved_records("encoder", len(encoders), finished, len(begun))
     if not begun:
         return f"No epoch is kept yet; {_BEGINS_AGAIN}"
 
@@ -57,7 +57,7 @@ def kept_runs(runs: Sequence[RunSettings], results: "Results") -> str:
     if not finished and not begun:
         return f"No run has begun yet; {_BEGINS_AGAIN}"
 
-    return _of_several("run", len(runs), finished, begun)
+    return _saved_records("run", len(runs), finished, begun)
 
 
 def kept_of_cells(cells: Sequence["Cell"], results: "Results") -> str:
@@ -86,7 +86,7 @@ def kept_report(out: Path) -> str:
     return f"The earlier report in {out} is still there; the same command writes the new one."
 
 
-def _of_several(noun: str, count: int, finished: int, begun: int) -> str:
+def _saved_records(noun: str, count: int, finished: int, begun: int) -> str:
     """Returns how many of several records are finished and begun, and what becomes of the others.
 
     Some are finished or begun.

@@ -78,15 +78,14 @@ def evaluate(
 
     returns = record.read("policy_episodes")["episode_return"]
     summary = record.manifest.summary
-    output.say(
-        f"{task}, {policy}: {_summary_of(returns.to_numpy(), summary)}{_mark(settings.accepted)}; "
-        f"saved in {record.path}"
-    )
+    words = _returns_in_words(returns.to_numpy(), summary)
+    mark = _mark(settings.accepted)
+    output.say(f"{task}, {policy}: {words}{mark}; saved in {record.path}")
     output.document(output.described(record))
 
 
-def _summary_of(returns: "FloatArray", summary: Mapping[str, float]) -> str:
-    """Returns the returns of episodes in words; the summary has their quantiles."""
+def _returns_in_words(returns: "FloatArray", summary: Mapping[str, float]) -> str:
+    """Returns a sentence on the returns of episodes (episodes,); `summary` has their quantiles."""
     tails = ""
     if len(returns) > 9:
         tails = f" [10th {whole(summary['q10'])}, 90th {whole(summary['q90'])}]"

@@ -78,7 +78,7 @@ def plan_runs(
             if origin is not None:
                 others.pop(origin.record.id)
             if origin is not None and accept_changed:
-                settings = _going_on(run, origin.record, code_hash(now))
+                settings = _with_accepted_code(run, origin.record, code_hash(now))
             elif origin is not None:
                 left_alone.append(origin)
         chosen.append(settings)
@@ -155,8 +155,8 @@ def _origin(run: RunSettings, changed: Sequence[Changed]) -> Changed | None:
     return None
 
 
-def _going_on(run: RunSettings, origin: Record, accepted: str) -> RunSettings:
-    """Returns the settings of a run that goes on from a record with other code, as accepted."""
+def _with_accepted_code(run: RunSettings, origin: Record, accepted: str) -> RunSettings:
+    """Returns the settings of a run that resumes or continues a record, though its code differs."""
     return RunSettings(**{**origin.settings, "steps": run.steps, "accepted": accepted})
 
 

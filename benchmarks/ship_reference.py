@@ -90,7 +90,7 @@ def ship_encoder(id: str | None, source: Results, target: Results) -> bool:
     if id is None:
         return True
     own, there = source.find("encoder", id), target.find("encoder", id)
-    if own is None or own.status != "finished":
+    if own is None or not own.is_finished:
         return False
     if there is None:
         copy(own, target, public(own.manifest).files)
@@ -129,7 +129,7 @@ def ship(source: Results, target: Results, policies: Collection[int] | None = No
         copy(run, target, listed)
     evaluable = {run.id for run in target.scan("run")[0] if has_policy(run)}
     for evaluation in source.scan("evaluation")[0]:
-        if evaluation.status == "finished" and evaluation.settings["policy"] in evaluable:
+        if evaluation.is_finished and evaluation.settings["policy"] in evaluable:
             copy(evaluation, target, public(evaluation.manifest).files)
     return notes
 
@@ -140,7 +140,7 @@ def check(run: Record, source: Results) -> None:
     Raises:
         ValueError: if it has not finished, is damaged or names a directory; it says which.
     """
-    if run.status != "finished":
+    if not run.is_finished:
         raise ValueError(f"it is {run.status}")
     damage = [found for found in examine(source, "run", run.id)[1] if found.sort != "leftover"]
     if damage:

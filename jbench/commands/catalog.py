@@ -126,7 +126,7 @@ def collect(
     plan = plan_dataset(settings, database)
     settings = plan.settings
     before = database.find("dataset", settings.id)
-    is_finished = before is not None and before.status == "finished"
+    is_finished = before is not None and before.is_finished
     for sentence in sentences(plan.changed) if before is None else ():
         output.say(sentence)
 

@@ -122,7 +122,7 @@ def _reevaluate_all(database: "Results", accept_changed: bool) -> list["Repeated
     from jbench.training.repeat import changes_since, reevaluate
     from jbench.training.repeated_rows import Repeated
 
-    records = [record for record in database.scan("run")[0] if record.status == "finished"]
+    records = [record for record in database.scan("run")[0] if record.is_finished]
     outcomes = []
     with output.progress("reevaluate", len(records), "runs") as progress:
         for done, record in enumerate(records, 1):
@@ -188,7 +188,7 @@ def reproduce(
     episodes = repeat.default_episodes(record) if episodes is None else episodes
     code = repeat.changed_code(record, database, accept_changed_code)
     evaluation = None
-    if record.status == "finished":
+    if record.is_finished:
         evaluation = repeat.reevaluate(database, record, accept_changed_code)
 
     retraining = None

@@ -165,13 +165,13 @@ def _train_one(
     epochs = settings.options.get("epochs")
     before = database.find("encoder", settings.id)
     is_held = locks.is_held(database.folder("encoder", settings.id).path)
-    if before is not None and before.status != "finished" and not is_held:
+    if before is not None and not before.is_finished and not is_held:
         how = "resumes" if CHECKPOINT in before.roles() else "starts over"
         output.say(f"The encoder {settings.id} was interrupted; it {how}.")
 
     label = f"{settings.representation} {settings.task}"
     then = "measuring what the latents explain and predict"
-    is_finished = before is not None and before.status == "finished"
+    is_finished = before is not None and before.is_finished
     with output.progress(label, 0 if is_finished else epochs or 1, "epochs", then) as progress:
         record = train_encoder(settings, states, database, progress, device=device)
 

@@ -34,7 +34,7 @@ def kept_encoders(encoders: Sequence["EncoderSettings"], results: "Results") -> 
     from jbench.encoders.loop import CHECKPOINT
 
     records = [results.find("encoder", encoder.id) for encoder in encoders]
-    finished = sum(record is not None and record.status == "finished" for record in records)
+    finished = sum(record is not None and record.is_finished for record in records)
     begun = [record for record in records if record is not None and CHECKPOINT in record.roles()]
     if finished:
         return _saved_records("encoder", len(encoders), finished, len(begun))

@@ -68,7 +68,7 @@ def evaluate(
     )
     settings = plan_evaluation(settings, database, policy).settings
     before = database.find("evaluation", settings.id)
-    if before is not None and before.status == "finished":
+    if before is not None and before.is_finished:
         output.say(f"The evaluation {settings.id} is already finished; nothing to do.")
 
     output.if_stopped("The episodes are not kept; the same command runs them again.")

@@ -29,7 +29,7 @@ def collect(
     installed or has changed, and a WorkError if another process collects it, or the disk is full.
     """
     with results.locked("dataset", settings.id) as existing:
-        if existing is not None and existing.status == "finished":
+        if existing is not None and existing.is_finished:
             return existing
         layout = find_layout(settings.robot)
         code = layout.code()

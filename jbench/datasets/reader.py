@@ -173,7 +173,7 @@ def _named(results: Results, id: str, collect: str) -> Record:
         more = f"there are {ids}." if ids else f"run {collect} first."
         raise RequestError(f"No dataset {id} in {results.name}; {more}")
 
-    if record.status != "finished":
+    if not record.is_finished:
         raise RequestError(
             f"The dataset {id} is unfinished; type the jbench collect command that started it "
             "to resume it."
@@ -191,7 +191,7 @@ def _newest(results: Results, task: Task) -> Record:
     collect = _collect(results, layout)
     records, problems = results.scan("dataset")
     suitable = [record for record in records if recorded_robot(record) == task.robot]
-    finished = [record for record in suitable if record.status == "finished"]
+    finished = [record for record in suitable if record.is_finished]
     if not finished:
         reason = f" ({problems[0]})" if problems else ""
         raise RequestError(

@@ -55,7 +55,7 @@ def find_encoder(
     candidates = [_Candidate(record, _changed_files(record)) for record in matches]
     best = max(candidates, key=_Candidate.usefulness)
     newest = best.record
-    if newest.status != "finished":
+    if not newest.is_finished:
         return _checked_id(results, newest.id, task, accept_changed)
 
     changed = best.changed
@@ -79,7 +79,7 @@ class _Candidate(NamedTuple):
     def usefulness(self) -> tuple[bool, bool, str]:
         """Returns what encoders are ordered by: finished, of the present code, newest."""
         record = self.record
-        return record.status == "finished", not self.changed, record.manifest.updated
+        return record.is_finished, not self.changed, record.manifest.updated
 
 
 def _checked_id(results: Results, beginning: str, task: str, accept_changed: bool) -> str:
@@ -102,7 +102,7 @@ def _not_an_encoder(results: Results, kind: str, task: str) -> RequestError:
     trained = {
         record.path.parent.name
         for record in results.scan("encoder")[0]
-        if record.status == "finished"
+        if record.is_finished
         and record.settings.get("kind") == kind
         and record.settings.get("task") == task
     }
@@ -135,8 +135,7 @@ def _matches(results: Results, representation: str, task: str) -> list[Record]:
     return [
         record
         for record in of_task
-        if record.status == "finished"
-        and without_options(record.path.parent.name) == representation
+        if record.is_finished and without_options(record.path.parent.name) == representation
     ]
 
 
@@ -201,7 +200,7 @@ def find_draws(results: Results, name: str, task: str, seeds: Sequence[int]) -> 
     assert record is not None
     settings = EncoderSettings(**record.settings)
     ids = {seed: settings.model_copy(update={"seed": seed}).id for seed in seeds}
-    finished = {each.id for each in results.scan("encoder")[0] if each.status == "finished"}
+    finished = {each.id for each in results.scan("encoder")[0] if each.is_finished}
     missing = [str(seed) for seed, id in ids.items() if id not in finished]
     if missing:
         raise RequestError(

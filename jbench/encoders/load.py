@@ -48,7 +48,7 @@ def load_encoder(
     if record is None:
         raise _no_encoder(results, id)
 
-    if record.status != "finished":
+    if not record.is_finished:
         command = shell_command(record.manifest.provenance)
         raise RequestError(f"The encoder {id} is unfinished; repeat `{command}` to finish it.")
 
@@ -62,7 +62,7 @@ def load_encoder(
 
 def _no_encoder(results: Results, id: str) -> RequestError:
     """Returns the error for an encoder that does not exist: those that do, or how to make one."""
-    ids = [record.id for record in results.scan("encoder")[0] if record.status == "finished"]
+    ids = [record.id for record in results.scan("encoder")[0] if record.is_finished]
     if ids:
         there = f"there are {', '.join(ids)}"
     else:

@@ -69,7 +69,7 @@ def train_encoder(
     _check_horizon(kind, states)
 
     with results.locked("encoder", settings.id) as record:
-        if record is not None and record.status == "finished":
+        if record is not None and record.is_finished:
             return record
         if record is not None:
             check_code(record, code_provenance(settings.kind))
@@ -135,7 +135,7 @@ def _weights(
     options = {name: value for name, value in settings.options.items() if name != "rescale"}
     other = settings.model_copy(update={"options": options})
     plain = None if record.rows("encoder_epochs") else results.find("encoder", other.id)
-    if plain is not None and plain.status == "finished":
+    if plain is not None and plain.is_finished:
         epochs = {"encoder_epochs": plain.read("encoder_epochs").to_pylist()}
         record.append(encoder_tables(record.id, epochs))
         weights: WeightArrays = safetensors.numpy.load(plain.read_file(WEIGHTS))

@@ -75,7 +75,7 @@ def _written(curve: _Curve, results: Results) -> Imported:
     """Writes a record of a curve, unless there is one."""
     settings = curve.settings
     with results.locked("import", settings.id) as existing:
-        is_new = existing is None or existing.status != "finished"
+        is_new = existing is None or not existing.is_finished
         points, steps = curve.rows[["point", "control_steps"]].iloc[-1]
         last = {"points": int(points) + 1, "control_steps": int(steps)}
         if is_new:

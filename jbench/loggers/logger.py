@@ -43,7 +43,7 @@ class Logger(ABC):
         for steps, time, values in _points(change):
             self._add(self._logs[run], steps, time, values)
 
-        if record.status == "finished":
+        if record.is_finished:
             self.end(run)
 
     def end(self, run: str) -> None:

@@ -77,7 +77,7 @@ def evaluate(
         )
 
     with results.locked("evaluation", settings.id) as existing:
-        if existing is not None and existing.status == "finished":
+        if existing is not None and existing.is_finished:
             return existing
         record = results.create("evaluation", settings.id, settings.model_dump(), code)
         for first in range(0, settings.episodes, _TOGETHER):

@@ -62,7 +62,7 @@ def load_agent(
     record = results.find("run", run)
     if record is None:
         raise results.no_run(run)
-    if record.status != "finished":
+    if not record.is_finished:
         raise RequestError(f"The run {run} is {record.status}: it has no trained policy yet.")
 
     if not has_policy(record):

@@ -91,7 +91,7 @@ class Recording:
             if self._logger is not None:
                 _note(self._logger.where)
                 stack.enter_context(copying_rows(self._results, {self.id}, self._logger, _note))
-            if existing is not None and existing.status == "finished":
+            if existing is not None and existing.is_finished:
                 self.finished = True
                 try:
                     yield
@@ -112,7 +112,7 @@ class Recording:
                 made = self._writer.control_steps
                 planned = self._settings.steps
                 self._writer = None
-                self.finished = record.status == "finished"
+                self.finished = record.is_finished
                 if self.finished and made > planned:
                     _note(
                         f"The block made {made:,} control steps, but steps={planned}: pass the "

@@ -180,7 +180,7 @@ def behavior(
     problems = []
     for record in results.scan("evaluation")[0] if results is not None else ():
         settings = record.settings
-        saved = record.status == "finished" and settings.get("states")
+        saved = record.is_finished and settings.get("states")
         if saved and task in (None, settings.get("task")):
             try:
                 newest[str(settings["task"]), str(settings["policy"])] = _read(record)

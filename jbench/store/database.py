@@ -81,7 +81,7 @@ class Results:
     def is_finished(self, kind: RecordKind, id: str) -> bool:
         """Returns whether there is a finished record of that id; False also if it is damaged."""
         record = self.find_readable(kind, id)
-        return record is not None and record.status == "finished"
+        return record is not None and record.is_finished
 
     def complete_id(self, kind: RecordKind, text: str) -> str:
         """Returns the id of the only record whose id begins with a text; else the text itself.

@@ -126,8 +126,8 @@ def _merged(
 
 def _choose(mine: Record, other: Record) -> MergeOutcome:
     """Returns the outcome for a record that exists already; raises a WorkError if they conflict."""
-    is_finished = mine.status == "finished"
-    if is_finished != (other.status == "finished"):
+    is_finished = mine.is_finished
+    if is_finished != other.is_finished:
         return "kept" if is_finished else "replaced"
     if mine.manifest.files == other.manifest.files:
         return "same"

@@ -102,7 +102,7 @@ class Record:
     the manifest: they are `left_out`, as most policies are of the wheel's results.
     """
 
-    folder: "Folder"
+    folder: Folder
     manifest: Manifest
     left_out: tuple[FileEntry, ...] = ()
 
@@ -145,6 +145,11 @@ class Record:
     def status(self) -> Status:
         """The state of the work."""
         return self.manifest.status
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether the work has succeeded, so that it is not repeated."""
+        return self.status == "finished"
 
     @property
     def error(self) -> str | None:
@@ -285,16 +290,10 @@ class Record:
 
     def _write_rows(self, table: str, rows: pa.Table) -> FileEntry:
         """Writes rows of a table to a new file, which is the record's from the next commit on."""
-        # The number shows the order of the table's files.
-        name = f"{table}-{len(self.parts(table)):05d}-*.parquet"
-        content = record_files.to_bytes(rows)
-        return record_files.write(self.path, name, content, table=table, rows=rows.num_rows)
+        return record_files.write_rows(self.path, table, rows, number=len(self.parts(table)))
 
     def _update(self, **changes: Any) -> None:
-        """Commits changes of the manifest."""
-        self._commit(self.manifest.model_copy(update={"updated": utc_now(), **changes}))
-
-    def _commit(self, manifest: Manifest) -> None:
-        """Writes the manifest at once, which is the commit."""
+        """Writes the manifest with changes at once, which is the commit."""
+        manifest = self.manifest.model_copy(update={"updated": utc_now(), **changes})
         files.write_atomic(self.path / MANIFEST, manifest.to_bytes())
         self.manifest = manifest

@@ -40,6 +40,12 @@ def write_checkpoints(directory: Path, checkpoints: Mapping[str, bytes]) -> list
     ]
 
 
+def write_rows(directory: Path, table: str, rows: pa.Table, number: int) -> FileEntry:
+    """Writes rows of a table to a file, whose number shows the order of the table's files."""
+    name = f"{table}-{number:05d}-*.parquet"
+    return write(directory, name, to_bytes(rows), table=table, rows=rows.num_rows)
+
+
 def read(directory: Path, entry: FileEntry, advice: str = "") -> bytes:
     """Returns the content of a file; `advice` is a clause for one that is damaged.
 
@@ -69,15 +75,20 @@ def read_rows(
         selected = None if columns is None or is_old else columns.names
         rows = table.read(selected, use_threads=False)
         if columns is not None and is_old:
-            new_names = _RENAMED.get(entry.table or "", {})
-            rows = rows.rename_columns([new_names.get(name, name) for name in rows.column_names])
-            for field in columns:
-                if field.name not in rows.column_names:
-                    rows = rows.append_column(field, pa.nulls(rows.num_rows, field.type))
-
+            rows = _with_columns(rows, entry.table or "", columns)
         if columns is None or rows.schema.equals(columns, check_metadata=True):
             return rows  # a cast takes a sixth of the time of reading
         return rows.select(columns.names).cast(columns)
+
+
+def _with_columns(rows: pa.Table, table: str, columns: pa.Schema) -> pa.Table:
+    """Returns rows of an older version with the present columns; those that they lack are null."""
+    new_names = _RENAMED.get(table, {})
+    rows = rows.rename_columns([new_names.get(name, name) for name in rows.column_names])
+    for field in columns:
+        if field.name not in rows.column_names:
+            rows = rows.append_column(field, pa.nulls(rows.num_rows, field.type))
+    return rows
 
 
 def check(directory: Path, entry: FileEntry, columns: Sequence[str]) -> None:

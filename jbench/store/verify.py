@@ -153,7 +153,7 @@ def _warnings(record: Record, intact: Collection[tuple[RecordKind, str]]) -> Ite
 def _missing_origin(record: Record, intact: Collection[tuple[RecordKind, str]]) -> Iterator[str]:
     """Yields a clause if the record without which this one is of no use is missing or damaged."""
     origin = record.manifest.origin
-    if record.kind == "encoder" and record.status == "finished":
+    if record.kind == "encoder" and record.is_finished:
         return  # it does not need its dataset any more
     if origin is not None and origin not in intact:
         yield f"names the {origin.kind} {origin.id}, which is not intact in these results"

@@ -218,7 +218,7 @@ def _recorded(results: Results, device: str) -> dict[str, _Estimate]:
         summary = record.manifest.summary
         time = summary.get("wall_time")
         steps = summary.get("steps_done")
-        if record.status == "finished" and time and steps and _was_made_here(record, device):
+        if record.is_finished and time and steps and _was_made_here(record, device):
             run = read_run(record.settings)
             with contextlib.suppress(TypeError):  # manifests of others may hold anything
                 # The runs of a process share a core, and each records the whole time.

@@ -77,7 +77,7 @@ def run_batch(
             try:
                 encoder = load_encoder(run.encoder)
                 record = locks.enter_context(results.locked("run", run.id))
-                if record is None or record.status != "finished":
+                if record is None or not record.is_finished:
                     members.append(beginnings.begin(run, encoder, record))
             except (RequestError, WorkError) as error:
                 failures[run.id] = error

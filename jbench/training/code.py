@@ -147,7 +147,7 @@ def _origin(run: RunSettings, changed: Sequence[Changed]) -> Changed | None:
         if settings.get("seed") != run.seed or not entry.record.roles():
             continue
         steps = settings.get("steps")
-        if entry.record.status == "finished":
+        if entry.record.is_finished:
             if isinstance(steps, int) and steps < run.steps and run.robots == 1:
                 return entry
         elif steps == run.steps:
@@ -162,7 +162,7 @@ def _with_accepted_code(run: RunSettings, origin: Record, accepted: str) -> RunS
 
 def _left_alone(origin: Changed) -> str:
     """Returns a sentence on a record from which a run could go on, but does not."""
-    verb = "continues" if origin.record.status == "finished" else "resumes"
+    verb = "continues" if origin.record.is_finished else "resumes"
     return (
         f"{since_recorded(origin.record, origin.files)}, so its seed trains from the beginning "
         f"under another id; {ACCEPT} {verb} it with the present code."

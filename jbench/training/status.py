@@ -50,7 +50,7 @@ def run_status(run: RunSettings, results: Results) -> RunStatus:
         kept = kept_runs(run, results)
         done = committed_steps(kept[0]) if kept else 0
         return RunStatus("missing", max(0, run.steps - done))
-    if record.status == "finished":
+    if record.is_finished:
         return RunStatus("finished", 0)
     done = committed_steps(record) if record.roles() else 0
     fails_again = record.status == "failed" and _fails_again(run, record)
@@ -138,7 +138,7 @@ def shorter_runs(run: RunSettings, results: Results, *free: str) -> list[Record]
     shorter = [
         record
         for record in records
-        if record.status == "finished"
+        if record.is_finished
         and isinstance(other := read_run(record.settings), RunSettings)
         and other.steps < run.steps
         and other.model_copy(update=same) == run

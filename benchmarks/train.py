@@ -13,8 +13,9 @@ training with the published settings (`benchmarks/shares.py`).
 predicts the hours of Figure 8 (`benchmarks/cost.py`).
 
 `--steps 50000` compares returns instead: five seeds of stable-baselines3 and five of jbench train
-alternately for 50,000 control steps each. After each fifth it prints the rates and the mean return
-of each seed's episodes in that fifth.
+alternately for 50,000 control steps each. After each tenth it prints the rates, the mean return of
+each seed's episodes in that tenth, and whether the median of jbench's seeds is between the lowest
+and the highest of stable-baselines3's.
 
 `--normalize` compares jbench with and without standardized inputs instead.
 
@@ -38,11 +39,13 @@ from statistics import fmean, median
 from typing import Any, NamedTuple
 
 from jbench.names import ONE_THREAD
+from jbench.report.numbers import whole
 
 HERE = Path(__file__).parent
 SBX = "sbx-rl==0.28.0"
 SEEDS, TASK = 10, "face_direction"
 RETURN_SEEDS = 5
+RETURN_PARTS = 10
 CORES = sorted(os.sched_getaffinity(0))[:2]
 CLOCKS = ("wall", "processor")
 
@@ -171,9 +174,9 @@ def ratio(rounds: list[dict[str, dict[str, Any]]], name: str, peer: str, clock: 
 
 
 def compare_returns(algo: str, arguments: argparse.Namespace) -> None:
-    """Prints after each fifth of `--steps` the rates and the mean return of each seed."""
+    """Prints after each tenth of `--steps` the rates and the mean return of each seed."""
     kinds = {"stable-baselines3": "sb3", "batched": "batched"}
-    part = arguments.steps // 5
+    part = arguments.steps // RETURN_PARTS
     with ExitStack() as stack:
         contenders = [
             stack.enter_context(
@@ -188,17 +191,20 @@ def compare_returns(algo: str, arguments: argparse.Namespace) -> None:
                 last |= {each.name: each.run(arguments.seconds) for each in behind}
                 if len(behind) == len(contenders):
                     rounds.append(dict(last))
+
+            means = {name: mean_returns(last[name]["episodes"], end - part, end) for name in kinds}
             for name in kinds:
                 wall, processor = (ratio(rounds, name, "stable-baselines3", c) for c in CLOCKS)
-                returns = mean_returns(last[name]["episodes"], end - part, end)
+                returns = " ".join(map(whole, means[name])) or "of no episode that ended"
                 print(
                     f"{algo:5} {name:18} {end:,} control steps | {wall:.2f} (wall) and"
                     f" {processor:.2f} (processor) x stable-baselines3 | returns {returns}",
                     flush=True,
                 )
+            print(f"{algo:5} {position(means['batched'], means['stable-baselines3'])}", flush=True)
 
 
-def mean_returns(episodes: list[tuple[int, int, float]], first: int, last: int) -> str:
+def mean_returns(episodes: list[tuple[int, int, float]], first: int, last: int) -> list[float]:
     """Returns the mean of each seed's episodes that ended within control steps, ascending.
 
     A seed of PPO may have none: its eight robots end an episode every 8,000 control steps.
@@ -208,8 +214,21 @@ def mean_returns(episodes: list[tuple[int, int, float]], first: int, last: int) 
         if first < at <= last:
             returns[seed].append(value)
 
-    means = sorted(fmean(its) for its in returns.values())
-    return " ".join(f"{mean:.0f}" for mean in means) or "of no episode that ended"
+    return sorted(fmean(its) for its in returns.values())
+
+
+def position(ours: list[float], theirs: list[float]) -> str:
+    """Returns a sentence on where our median is among the returns of stable-baselines3."""
+    if not ours or not theirs:
+        return "no median to compare: a library has no episode that ended"
+
+    middle = median(ours)
+    lowest, highest = min(theirs), max(theirs)
+    where = "below" if middle < lowest else "above" if middle > highest else "within"
+    return (
+        f"the median of batched, {whole(middle)}, is {where} the range of stable-baselines3, "
+        f"{whole(lowest)} to {whole(highest)}"
+    )
 
 
 def make_sbx(directory: Path) -> str:

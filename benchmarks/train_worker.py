@@ -47,10 +47,11 @@ def batched(request: Request) -> Run:
     steps, episodes = engine.learn(10**12), Episodes()
 
     def step() -> None:
-        returns = next(steps)
-        if returns is not None:
-            for seed, its in zip(request["seeds"], returns, strict=True):
-                episodes.extend((seed, engine.control_steps, float(each)) for each in its.ravel())
+        ends = next(steps)
+        if ends is not None:
+            for index, seed in enumerate(request["seeds"]):
+                returns = ends.returns[index, ends.ended[index]].tolist()
+                episodes.extend((seed, engine.control_steps, each) for each in returns)
 
     while engine.control_steps < WARM_UP:
         step()

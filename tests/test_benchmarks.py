@@ -90,6 +90,14 @@ CASES = (
     ),
     Case(
         "train",
+        "--algos td3 --task gym:Hopper-v5 --steps 600 --seconds 0.5",
+        (
+            r"td3   batched .* 600 control steps .* \| returns -?\d",
+            r"the median of batched, -?\d\S*, is \w+ the range of stable-baselines3, -?\d",
+        ),
+    ),
+    Case(
+        "train",
         "--algos td3 --cores 1",
         (r"\| TD3 published \| 1 \| \d", "Figure 8, predicted hours", r"\| TD3 published \| \d"),
     ),

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from jbench.encoders.adam import FusedAdam
-from jbench.encoders.kind import Kind, Weights
+from jbench.encoders.kind import Kind
 from jbench.encoders.kinds.planar import SIGNS, PlanarReduction
+from jbench.encoders.networks import Weights
 from jbench.encoders.pairs import Shard
 from jbench.encoders.scaling import FloatArray, Moments
 from jbench.encoders.states import States

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from jbench.arrays import Array
-from jbench.encoders.kind import Fitted, Weights
+from jbench.encoders.kind import Fitted
+from jbench.encoders.networks import Weights
 from jbench.encoders.states import States
 
 _PREFIX = "module."  # of the names of parameters in `_Latents`

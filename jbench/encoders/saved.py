@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from jbench.arrays import Array
-from jbench.encoders.kind import Kind, Weights
+from jbench.encoders.kind import Kind
+from jbench.encoders.networks import Weights
 from jbench.encoders.scaling import Scaling
 
 DESCRIPTION = "encoder.json"

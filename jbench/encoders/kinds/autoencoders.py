@@ -8,7 +8,8 @@ from pydantic import Field
 from torch import Tensor
 
 from jbench.arrays import Array, namespace
-from jbench.encoders.kind import Learned, Weights, affine, layers, standard_normal, tanh, tanh_
+from jbench.encoders.kind import Learned
+from jbench.encoders.networks import Weights, affine, layers, standard_normal, tanh, tanh_
 from jbench.encoders.pairs import StatePairs
 from jbench.encoders.states import MAX_HORIZON
 from jbench.names import EncoderBase

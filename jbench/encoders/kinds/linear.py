@@ -9,7 +9,8 @@ from pydantic import Field
 
 from jbench.arrays import Array
 from jbench.encoders import scaling
-from jbench.encoders.kind import Fitted, Kind, Weights, tanh
+from jbench.encoders.kind import Fitted, Kind
+from jbench.encoders.networks import Weights, tanh
 from jbench.encoders.pairs import state_pairs
 from jbench.encoders.scaling import FloatArray, Moments, inverse
 from jbench.encoders.states import MAX_HORIZON, States

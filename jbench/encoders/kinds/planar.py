@@ -23,7 +23,8 @@ from functools import reduce
 import numpy as np
 
 from jbench.arrays import Array, namespace
-from jbench.encoders.kind import Fitted, Weights
+from jbench.encoders.kind import Fitted
+from jbench.encoders.networks import Weights
 from jbench.encoders.scaling import FloatArray, Scaling, physical_scaling
 from jbench.encoders.states import States
 from jbench.task_specs import TASK_SPECS

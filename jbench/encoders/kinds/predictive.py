@@ -9,7 +9,8 @@ from pydantic import Field
 from torch import Tensor
 
 from jbench.arrays import Array
-from jbench.encoders.kind import Learned, Weights, affine, layers, tanh
+from jbench.encoders.kind import Learned
+from jbench.encoders.networks import Weights, affine, layers, tanh
 from jbench.encoders.pairs import StatePairs, state_pairs
 from jbench.encoders.scaling import Moments, inverse
 from jbench.encoders.states import MAX_HORIZON, States

@@ -7,7 +7,8 @@ from pydantic import Field
 from torch import Tensor
 
 from jbench.arrays import Array
-from jbench.encoders.kind import Learned, Weights, affine, layers, standard_normal, tanh
+from jbench.encoders.kind import Learned
+from jbench.encoders.networks import Weights, affine, layers, standard_normal, tanh
 from jbench.encoders.pairs import StatePairs
 from jbench.tasks.find import find_task
 

@@ -49,9 +49,9 @@ _VERBS = {
         Verb("tasks dmc:cheetah-run", "catalog:tasks", "Lists"),
         Verb("datasets", "catalog:datasets", "Lists"),
         Verb("runs --algo td3 --status finished", "runs:runs", "Lists"),
-        Verb("tail --algo td3 --last 10", "runs:tail", "Lists"),
+        Verb("tail --algo td3 --last 10", "tail:tail", "Lists"),
         Verb("query 'SELECT run, count(*) FROM episodes GROUP BY run'", "results:query", "Lists"),
-        Verb("leaderboard reference", "runs:leaderboard", "Lists"),
+        Verb("leaderboard reference", "leaderboard:leaderboard", "Lists"),
         Verb(
             "import --from csv --seed-column seed --task face_direction --algo ppo FILE",
             "results:import_",

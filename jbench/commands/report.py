@@ -2,15 +2,10 @@
 
 import contextlib
 import shlex
-import signal
 import sys
-import time
-import webbrowser
-from collections.abc import Iterator, Sequence
 from functools import partial
-from itertools import chain, product
+from itertools import product
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 from typer import Option
@@ -18,8 +13,8 @@ from typer import Option
 from jbench import names
 from jbench.commands import options, output, parsing
 from jbench.commands.kept import kept_report
+from jbench.commands.watching import changes, open_page
 from jbench.errors import NothingYetError, RequestError, WorkError
-from jbench.opengl import has_display
 from jbench.report.request import Request, names_typed
 from jbench.settings.base import validated
 from jbench.wording import repair_hint
@@ -149,30 +144,6 @@ def report(
     write(request.model_copy(update={"watched": False}))
 
 
-SPARE = {
-    "final_returns": (
-        "published median",
-        "detectable",
-        "draws",
-        "s",
-        "over the run",
-        "steps to 900",
-        "reach 900",
-        "IQM",
-        "diverged",
-    ),
-    "verdicts": ("corrected by", "difference"),
-    "comparisons": ("returns", "probability"),
-    "claims": ("remark", "by episodes alone", "seeds that would decide"),
-    "leaderboard": ("rank", "steps", "n"),
-}
-"""Columns of tables that a narrow terminal may leave out, the least important one first.
-
-Tables keep the seeds longest: without them, a number says more than it may. The order of the rows
-shows ranks.
-"""
-
-
 def _report(database: "Results", out: Path, request: Request) -> None:
     """Writes a report and prints what it says first: verdicts, tables and notes."""
     from jbench.report.report import write_report
@@ -187,7 +158,7 @@ def _report(database: "Results", out: Path, request: Request) -> None:
     asked |= set() if request.compare else {"final_returns", "verdicts"}
     for table in (table for table in tables(frames) if table.name in asked):
         if table.name != "verdicts" or request.claims:
-            output.frame(table.title, table.texts(), SPARE.get(table.name, ()))
+            output.frame(table.title, table.texts(), table.spare)
             continue
         for matrix in verdict_matrices(frames):
             _print_verdicts(table.title, matrix)
@@ -224,44 +195,3 @@ def _print_verdicts(title: str, matrix: "VerdictMatrix") -> None:
         header.append(f"{claim} against {baseline}")
 
     output.table(title, header, rows)
-
-
-def changes(directories: Sequence[Path], poll_seconds: float = 2.0) -> Iterator[None]:
-    """Yields at once, and whenever records of results directories have changed, until Ctrl-C.
-
-    It waits at least as long as the caller works, who then works at most half of the time. Ctrl-C
-    raises KeyboardInterrupt. It also ends this if a library swallows the exception, as happens if
-    it is raised while C code calls Python.
-    """
-    from jbench.store.follow import stamp
-    from jbench.store.manifest import MANIFEST
-
-    interrupts = []
-    seen = None
-
-    def remember(number: int, frame: FrameType | None) -> None:
-        interrupts.append(number)  # a threading.Event could deadlock here, as it has a lock
-        raise KeyboardInterrupt
-
-    before = signal.getsignal(signal.SIGINT)
-    if before is signal.default_int_handler:  # else the parent process has set another handler
-        signal.signal(signal.SIGINT, remember)
-
-    try:
-        while not interrupts:
-            began = time.monotonic()
-            paths = (d.rglob(MANIFEST) for d in directories)
-            now = {(path, stamp(path)) for path in chain.from_iterable(paths)}
-            if now != seen:
-                seen = now
-                yield
-            time.sleep(max(poll_seconds, time.monotonic() - began))
-    finally:
-        if signal.getsignal(signal.SIGINT) is remember:
-            signal.signal(signal.SIGINT, before)
-
-
-def open_page(page: Path) -> bool:
-    """Opens a page in a browser, if there is a terminal and a display; returns whether it was."""
-    shows = sys.stdout.isatty() and has_display() and page.exists()
-    return shows and webbrowser.open(page.resolve().as_uri())

@@ -43,7 +43,8 @@ def verdicts_table(frames: Frames) -> Table:
         f"95% interval of the difference alone is beside it. {similar}Fewer than {DECIDING_SEEDS} "
         "seeds decide nothing."
     )
-    return Table("verdicts", "Does reduction help?", caption, rows, columns)
+    spare = ("corrected by", "difference")
+    return Table("verdicts", "Does reduction help?", caption, rows, columns, spare)
 
 
 def decisions_table(frames: Frames) -> Table:
@@ -95,7 +96,8 @@ def comparisons_table(frames: Frames) -> Table:
         "number of rows."
     )
     title = "Comparison of methods" if frames.request.curves else "Comparison of two sides"
-    return Table("comparisons", title, caption, frames.comparisons, columns)
+    spare = ("returns", "probability")
+    return Table("comparisons", title, caption, frames.comparisons, columns, spare)
 
 
 def claims_table(frames: Frames) -> Table:
@@ -115,4 +117,5 @@ def claims_table(frames: Frames) -> Table:
     claims = paper_claims().itertuples()
     tests = " ".join(f"({letter}) {text} {test}" for letter, text, test in claims)
     caption = f"{tests} In brackets: 95% interval, 90% for (a)."
-    return Table("claims", "The paper's claims", caption, frames.claims, columns)
+    spare = ("remark", "by episodes alone", "seeds that would decide")
+    return Table("claims", "The paper's claims", caption, frames.claims, columns, spare)

@@ -21,6 +21,11 @@ def whole(value: float) -> str:
     return f"{round(value):,d}" if math.isfinite(value) else fixed(value, 0)
 
 
+def one_decimal(value: float) -> str:
+    """Formats the return of an episode, which is no estimate: with a decimal, as 672.4."""
+    return f"{value:.1f}" if abs(value) >= 1 else whole(value)
+
+
 def signed(value: float) -> str:
     """Formats a difference of returns."""
     if _ZERO < abs(value) < _SMALL:

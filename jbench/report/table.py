@@ -63,6 +63,12 @@ class Table:
     caption: str
     frame: pd.DataFrame  # exact numbers, which its CSV file has
     columns: Sequence[Column]
+    spare: Sequence[str] = ()
+    """Headings that a narrow terminal may leave out, the least important one first.
+
+    A table keeps its seeds longest: without them, a number says more than it may. The order of the
+    rows shows ranks.
+    """
 
     def shown(self) -> tuple[list[Column], list[list[tuple[Any, str]]]]:
         """Returns the columns with any text, and the value that sorts and the text of each cell."""

@@ -117,8 +117,24 @@ def _final_returns(frames: Frames) -> Table:
     title = (
         "Final returns by method" if frames.request.curves else f"Final {frames.returns} returns"
     )
-    caption = _final_returns_caption(frames, agents)
-    return Table("final_returns", title, caption, _with_policies(agents, frames.baselines), columns)
+    return Table(
+        "final_returns",
+        title,
+        _final_returns_caption(frames, agents),
+        _with_policies(agents, frames.baselines),
+        columns,
+        spare=(
+            "published median",
+            "detectable",
+            "draws",
+            "s",
+            "over the run",
+            f"steps to {SOLVED_RETURN}",
+            f"reach {SOLVED_RETURN}",
+            "IQM",
+            "diverged",
+        ),
+    )
 
 
 def _with_policies(agents: pd.DataFrame, policies: pd.DataFrame) -> pd.DataFrame:
@@ -208,7 +224,8 @@ def leaderboard_table(frame: pd.DataFrame, returns: str) -> Table:
         "of the paper's curves. Entries may have been trained for different numbers of control "
         "steps."
     )
-    return Table("leaderboard", f"Leaderboard by final {returns} return", caption, frame, columns)
+    title = f"Leaderboard by final {returns} return"
+    return Table("leaderboard", title, caption, frame, columns, spare=("rank", "steps", "n"))
 
 
 def _encoders(frames: Frames) -> Table:

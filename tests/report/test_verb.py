@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from jbench.cli import main
-from jbench.commands.report import changes, open_page
+from jbench.commands.watching import changes, open_page
 from tests.forking import COMMAND, Piped
 
 RELOADS = b'<meta http-equiv="refresh"'

@@ -1,0 +1,130 @@
+"""The command tail: rows of runs as they are committed."""
+
+import json as json_format
+import time
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from typer import Option
+
+from jbench import names
+from jbench.commands import options, output, parsing
+from jbench.errors import WorkError
+from jbench.report.numbers import Form, one_decimal
+from jbench.wording import are, counted, duration
+
+if TYPE_CHECKING:
+    from jbench.store.follow import Change
+    from jbench.store.rows import Row
+
+
+def tail(
+    task: str | None = options.ONE_TASK,
+    algo: str | None = options.ONE_ALGORITHM,
+    representation: str | None = options.ONE_REPRESENTATION,
+    status: names.Status | None = options.ONE_STATUS,
+    seed: str | None = options.SOME_SEEDS,
+    last: int | None = options.whole_number(
+        None,
+        unit="EPISODES",
+        help="How many training episodes of each run to print of those already committed, the "
+        "last ones (default: all).",
+    ),
+    once: bool = Option(False, "--once", help="Print the committed rows and end."),
+    results: Path = options.READ_RESULTS,
+    json: bool = Option(False, "--json", help="Print each row as a line of JSON to stdout."),
+) -> None:
+    """Print episodes and evaluations as runs commit them.
+
+    Ctrl-C ends it.
+    """
+    from jbench.store.follow import POLL_SECONDS, Follower
+
+    database = parsing.results_to_read(results)
+    typed = {"task": task, "algo": algo, "representation": representation}
+    filters = parsing.run_filters(database, seed, status, **typed)
+    follower = Follower(database, filters)
+    problems = 0
+    lines = _json_lines if json else _text_lines
+    is_empty = True
+    try:
+        while True:
+            for change in follower.changes():
+                if isinstance(change, str):
+                    output.warn(change)
+                    problems += 1
+                    continue
+
+                is_empty = False
+                rows = change.rows if last is None else _last(change.rows, last)
+                output.raw("".join(f"{line}\n" for line in lines(change._replace(rows=rows))))
+
+            if once:
+                break
+            last = None
+            time.sleep(POLL_SECONDS)
+    except KeyboardInterrupt:
+        return
+
+    if problems:
+        count = f"{counted(problems, 'run')} {are(problems)}"
+        raise WorkError(f"{count} left out; see above.")
+    if is_empty:
+        output.say(f"No such runs in {results}.")
+
+
+def _last(rows: list[tuple[str, "Row"]], episodes: int) -> list[tuple[str, "Row"]]:
+    """Returns the rows from the last episodes on."""
+    starts = [i for i, (table, _) in enumerate(rows) if table == "episodes"]
+    if episodes == 0:
+        return []
+    return rows[starts[-episodes] :] if len(starts) > episodes else rows
+
+
+def _json_lines(change: "Change") -> Iterator[str]:
+    """Yields the rows; before them the run if it is new, after them if its status has changed."""
+    from jbench.store.run_line import make_line
+
+    state = [("runs", asdict(make_line(change.record)))]
+    rows = [*state, *change.rows] if change.is_new else change.rows
+    ended = state if change.status_changed and not change.is_new else []
+    for table, row in (*rows, *ended):
+        yield json_format.dumps({"table": table, **row}, allow_nan=False)
+
+
+def _text_lines(change: "Change") -> Iterator[str]:
+    """Yields a line for each episode, evaluation and logged step, and one for the run's end."""
+    from jbench.store.follow import grouped
+
+    run = change.record
+    for table, rows in grouped(change.rows):
+        row = rows[0]
+        steps = f"{rows[0]['control_steps']:,} control steps"
+        if table == "metrics":
+            values = ", ".join(
+                f"{row['name']} {_mean([row['value']], '{:.4g}'.format)}" for row in rows
+            )
+            yield f"{run.id}: {steps}, {values}"
+            continue
+
+        mean = _mean([row["episode_return"] for row in rows], one_decimal)
+        if table == "episodes":
+            after = "" if row["wall_time"] is None else f", {duration(row['wall_time'])}"
+            yield f"{run.id}: episode {row['episode']}, return {mean}, {steps}{after}"
+        else:
+            number = row["evaluation"]
+            count = counted(len(rows), "episode")
+            yield f"{run.id}: evaluation {number} after {steps}, mean return {mean} of {count}"
+
+    if change.status_changed and run.status != "unfinished":
+        yield f"{run.id}: {run.status}{f': {run.error}' if run.error else ''}"
+
+
+def _mean(values: list[float | None], form: Form) -> str:
+    """Returns the mean of numbers as text; not finite if one is missing."""
+    known = [value for value in values if value is not None]
+    if len(known) < len(values):
+        return "not finite"
+    return form(sum(known) / len(known))

@@ -11,7 +11,7 @@ from jbench import names
 from jbench.commands import options, output, parsing
 from jbench.commands.kept import kept_of_cells
 from jbench.errors import RequestError
-from jbench.wording import counted, with_results
+from jbench.wording import with_results
 
 if TYPE_CHECKING:
     from jbench.store import Results
@@ -87,9 +87,10 @@ def sweep(
 
     A matrix has tasks, algorithms, representations and seeds.
     """
-    from jbench.commands import sweep_status, training
+    from jbench.commands import training
     from jbench.commands.deciding import decide, seeds_to_compare
     from jbench.commands.run_checks import check_runs
+    from jbench.commands.sweep_status import show_cells
     from jbench.sweeps.cell import all_runs, matrix_cells
     from jbench.sweeps.executors import Local, Ray, default_jobs
 
@@ -129,8 +130,7 @@ def sweep(
     else:
         failures = {} if dry_run else train(cells)
         count = len(all_runs(cells))
-        title = f"{matrix}: {counted(count, 'run')}"
-        document = sweep_status.show(title, cells, database, at_once, train_on, times=dry_run)
+        document = show_cells(matrix, cells, database, at_once, train_on, dry_run, final_episodes)
         document |= _missing_and_failed(cells, database, failures)
 
     output.document({"matrix": matrix, **document})

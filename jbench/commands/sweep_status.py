@@ -54,23 +54,34 @@ class ConfigurationSettings:
     changed: str | None
 
 
-def show(
-    title: str, cells: Sequence[Cell], results: Results, jobs: int, device: str, times: bool
+def show_cells(
+    matrix: str | None,
+    cells: Sequence[Cell],
+    results: Results,
+    jobs: int,
+    device: str,
+    times: bool,
+    final_episodes: int | None,
 ) -> dict[str, Any]:
     """Prints how many seeds of each configuration are finished, and returns it for JSON.
 
     Args:
-        title: of the table.
+        matrix: its name; None for the runs of `jbench train`.
         cells: the configurations.
         results: that have the finished runs.
         jobs: number of processes at a time.
         device: that of the batched engine.
         times: whether to print the time left, too. Algorithms without a similar finished run are
             then measured, which takes seconds.
+        final_episodes: those of last evaluations, if the user typed them.
     """
-    statuses = cell_statuses(cells, results, jobs, device, quick=times)
+    statuses = cell_statuses(cells, results, jobs, device, times, final_episodes)
     entries = [_entry(status) for status in statuses]
     left = seconds_left(statuses, jobs)
+
+    title = counted(len(all_runs(cells)), "run")
+    if matrix is not None:
+        title = f"{matrix}: {title}"
 
     header = _header(entries)
     rows = [[_text(entry[name]) for name in header] for entry in entries]

@@ -14,7 +14,6 @@ from jbench.errors import RequestError
 from jbench.settings.algorithms import ALGORITHMS
 from jbench.settings.run import TYPED, RunSettings
 from jbench.task_specs import GYM
-from jbench.wording import counted
 
 if TYPE_CHECKING:
     from jbench.sweeps.cell import Cell
@@ -67,8 +66,9 @@ def train(
 ) -> None:
     """Train agents, one run per seed; finished runs are skipped."""
     from jbench.agents.algorithms import choose_engine
-    from jbench.commands import sweep_status, training
+    from jbench.commands import training
     from jbench.commands.run_checks import check_runs
+    from jbench.commands.sweep_status import show_cells
     from jbench.sweeps.executors import Local, default_jobs
     from jbench.training.code import plan_runs
     from jbench.training.request import request_runs, training_device
@@ -102,10 +102,9 @@ def train(
     check_runs(runs[:1], keep, train_on)
     notes = [*training.note_encoder(encoder, runs[0]), *notes]
     cells = [_cell(runs, algo, settings, notes)]
-    title = counted(len(runs), "run")
     if dry_run:
         most = min(at_once, len(runs))
-        output.document(sweep_status.show(title, cells, database, most, train_on, times=True))
+        output.document(show_cells(None, cells, database, most, train_on, True, final_episodes))
         return
 
     worker = training.worker_options(keep, final_episodes, checkpoint_every)

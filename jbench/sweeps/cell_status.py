@@ -65,14 +65,19 @@ class CellStatus(NamedTuple):
 
 
 def cell_statuses(
-    cells: Sequence[Cell], results: Results, jobs: int, device: str = "cpu", quick: bool = True
+    cells: Sequence[Cell],
+    results: Results,
+    jobs: int,
+    device: str = "cpu",
+    quick: bool = True,
+    final_episodes: int | None = None,
 ) -> list[CellStatus]:
     """Returns the status of each cell, with the estimated time left on this machine.
 
     If `quick`, the speed is measured here, which takes seconds for each algorithm. Where it can't
     be, it is that of similar finished runs in the results: they may be of a machine with the same
     name that is slower. `jobs` is the number of processes at a time, `device` that of the batched
-    engine.
+    engine, and `final_episodes` the number of episodes of last evaluations, if the user typed it.
     """
     recorded = _recorded(results, device)
     measured: dict[tuple[str, int], _Estimate | None] = {}
@@ -89,11 +94,14 @@ def cell_statuses(
         if left and quick and shape not in measured:
             pairs = zip(cell.runs, states, strict=True)
             unfinished = [run for run, state in pairs if state != "finished"]
-            measured[shape] = _quick_measurement(unfinished, jobs, device)
+            measured[shape] = _quick_measurement(unfinished, jobs, device, final_episodes)
 
         known = (measured.get(shape), recorded.get(exactly), recorded.get(about))
         estimate = next(filter(None, known), _UNKNOWN)
         seconds = estimate.seconds
+        evaluating = 0.0
+        if left and seconds:
+            evaluating = _evaluating(cell.runs[0], seconds, device, final_episodes)
         all_statuses.append(
             CellStatus(
                 cell,
@@ -104,7 +112,7 @@ def cell_statuses(
                 steps_left=left,
                 seconds_left=None if seconds is None else left * seconds / _busy(runs, jobs),
                 estimate=estimate.source if left else "",
-                evaluating=_evaluating(cell.runs[0], seconds, device) if left and seconds else 0.0,
+                evaluating=evaluating,
             )
         )
 
@@ -202,9 +210,9 @@ def _available() -> int | None:
     return None
 
 
-def _evaluating(run: RunSettings, seconds: float, device: str) -> float:
+def _evaluating(run: RunSettings, seconds: float, device: str, final_episodes: int | None) -> float:
     """Returns the share of a run's time that its evaluations take."""
-    steps = engines.evaluation_steps(run)
+    steps = engines.evaluation_steps(run, final_episodes)
     if steps <= 1:
         return 0.0
     stepping = engines.stepping(run, run.evaluate_episodes, device=device)
@@ -245,14 +253,16 @@ def _was_made_here(record: Record, device: str) -> bool:
     )
 
 
-def _quick_measurement(runs: Sequence[RunSettings], jobs: int, device: str) -> _Estimate | None:
+def _quick_measurement(
+    runs: Sequence[RunSettings], jobs: int, device: str, final_episodes: int | None
+) -> _Estimate | None:
     """Measures temporary agents, as many as the largest process trains; None if it can't be."""
     checked_task(runs[0].task)
     together = batches(runs, jobs, device)[0]
     try:
         with one_thread():
-            seconds = engines.seconds_per_step(together, device) / len(together)
-        return _Estimate(seconds, "a quick measurement")
+            seconds = engines.seconds_per_step(together, device, final_episodes=final_episodes)
+        return _Estimate(seconds / len(together), "a quick measurement")
     except (RequestError, WorkError, RuntimeError):
         return None
     finally:

@@ -44,6 +44,7 @@ class Local:
         """Starts no process yet; 0 jobs are `default_jobs`, options are those of `run_batch`."""
         self.jobs = jobs or default_jobs(device)
         self.device = device
+        self.final_episodes: int | None = options.get("final_episodes")
         self._results = results
         self._options = options
         self._processes: set[subprocess.Popen[str]] = set()

@@ -116,7 +116,7 @@ def sweep(
         cells = with_runs(cells, statuses.keys() - failures.keys())
         if runs := all_runs(cells):
             if isinstance(executor, Local):
-                for sentence in forecasts(cells, results, executor.jobs, executor.device):
+                for sentence in forecasts(cells, results, executor):
                     report(Note(sentence))
             report(TrainingBegan(runs))
             retry = failures_among(statuses)
@@ -130,11 +130,12 @@ def sweep(
         pool.shutdown()
 
 
-def forecasts(cells: Sequence[Cell], results: Results, jobs: int, device: str) -> Iterator[str]:
+def forecasts(cells: Sequence[Cell], results: Results, local: Local) -> Iterator[str]:
     """Yields sentences on the memory and time that cells need on this machine, if known."""
-    waiting = batches(all_runs(cells), jobs, device)
-    jobs = min(jobs, len(waiting))
-    statuses = cell_statuses(cells, results, jobs, device)
+    device = local.device
+    waiting = batches(all_runs(cells), local.jobs, device)
+    jobs = min(local.jobs, len(waiting))
+    statuses = cell_statuses(cells, results, jobs, device, final_episodes=local.final_episodes)
     memory = memory_sentence([run for batch in waiting[:jobs] for run in batch], device)
     yield from filter(None, (memory, forecast(statuses, jobs)))
 

@@ -110,12 +110,15 @@ def seconds_per_step(
     runs: Sequence[RunSettings],
     device: str = "cpu",
     clock: Callable[[], float] = time.perf_counter,
+    final_episodes: int | None = None,
 ) -> float:
     """Returns the seconds per control step of each run of a process, evaluations included.
 
     The mean over a whole run: an agent of an off-policy algorithm costs less until its first
     update. The measurement takes seconds, with temporary agents. Encoders are left out: their cost
-    is negligible. The clock is `time.process_time` if other work on the machine is not to count.
+    is negligible. The clock is `time.process_time` if other work on the machine is not to count;
+    `final_episodes` are those of the last evaluation, if the user typed them.
+
     Raises a WorkError if neither the algorithm nor the engine is jbench's own.
     """
     settings = runs[0]
@@ -124,9 +127,10 @@ def seconds_per_step(
         raise WorkError(f"The speed of {settings.algo} is not measured.")
 
     count = settings.environments
+    evaluating = evaluation_steps(settings, final_episodes)
     idle = len(runs) * stepping(settings, len(runs) * count, device=device, clock=clock)
     if settings.last_step < algorithm.first_update:
-        return (1 + evaluation_steps(settings)) * idle  # it ends before it learns
+        return (1 + evaluating) * idle  # it ends before it learns
 
     short = algorithm.measurement(count, device, max(1, _UPDATES // len(runs)))
     changed = {**settings.hyperparameters, **short.changes}
@@ -153,7 +157,7 @@ def seconds_per_step(
         evaluated = len(runs) * stepping(settings, robots, engine.act, device=device, clock=clock)
 
     share = learning_share(settings)
-    return share * learning + (1 - share) * idle + evaluation_steps(settings) * evaluated
+    return share * learning + (1 - share) * idle + evaluating * evaluated
 
 
 def learning_share(settings: RunSettings) -> float:
@@ -166,10 +170,15 @@ def learning_share(settings: RunSettings) -> float:
     return max(0, settings.last_step - before) / settings.last_step
 
 
-def evaluation_steps(settings: RunSettings) -> float:
-    """Returns the control steps in evaluations of a run per control step of its training."""
+def evaluation_steps(settings: RunSettings, final_episodes: int | None = None) -> float:
+    """Returns the control steps in evaluations of a run per control step of its training.
+
+    Their episodes count as whole ones; `final_episodes` are those of the last evaluation, if the
+    user typed them.
+    """
     evaluations = max(1, settings.steps // settings.evaluate_every) - 1
-    episodes = evaluations * settings.evaluate_episodes + final_evaluation_episodes(settings, None)
+    episodes = evaluations * settings.evaluate_episodes
+    episodes += final_evaluation_episodes(settings, final_episodes)
     return episodes * settings.episode_steps / settings.steps
 
 

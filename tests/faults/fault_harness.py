@@ -173,7 +173,7 @@ def run(request):
     """Runs the cases of a request; yields a dictionary for each."""
     os.environ |= {"MUJOCO_GL": "disable", "OMP_NUM_THREADS": "1"}
     import_all()
-    engines.seconds_per_step = lambda *_: 1e-3
+    engines.seconds_per_step = lambda *_, **__: 1e-3
     executors.subprocess = type("Forking", (), {"Popen": ForkedWorker, "PIPE": -1})
     fixed.PART_EPISODES = 4
     calls, every_error = request.get("calls", CALLS), request.get("every_error", False)

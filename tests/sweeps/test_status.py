@@ -9,6 +9,8 @@ from jbench.store import Results, locks
 from jbench.studies.matrix import read_matrix
 from jbench.sweeps.cell import Cell, matrix_cells
 from jbench.sweeps.cell_status import CellStatus, cell_statuses, forecast, seconds_left
+from jbench.sweeps.executors import Local
+from jbench.sweeps.scheduler import forecasts
 from jbench.tasks.find import find_task
 from jbench.training import engines
 from jbench.training.status import (
@@ -121,7 +123,7 @@ def test_measurement_here_wins_over_records_and_has_the_seeds_of_a_process(
     finish(results, cell.runs[0], 1000.0)  # as on a slow machine of the same name
     measured = []
 
-    def measure(runs, device):
+    def measure(runs, device, final_episodes):
         measured.append([run.seed for run in runs])
         return 0.002 * len(runs)
 
@@ -131,7 +133,7 @@ def test_measurement_here_wins_over_records_and_has_the_seeds_of_a_process(
     # 2 ms a control step, 10,000 of each seed, two of them one after the other.
     assert (line.seconds_left, line.estimate) == (pytest.approx(40.0), "a quick measurement")
 
-    def refuse(runs, device):
+    def refuse(runs, device, final_episodes):
         raise WorkError("The speed of this algorithm is not measured.")
 
     monkeypatch.setattr(engines, "seconds_per_step", refuse)
@@ -140,7 +142,7 @@ def test_measurement_here_wins_over_records_and_has_the_seeds_of_a_process(
 
 
 def test_runs_of_other_lengths_are_measured_on_their_own(tmp_path, results, monkeypatch):
-    monkeypatch.setattr(engines, "seconds_per_step", lambda runs, device: 10 / runs[0].steps)
+    monkeypatch.setattr(engines, "seconds_per_step", lambda runs, *_, **__: 10 / runs[0].steps)
     cells = []
     for steps in (1000, 5000):
         matrix = read_matrix(write_matrix(tmp_path, seeds="0", steps=steps))
@@ -148,6 +150,28 @@ def test_runs_of_other_lengths_are_measured_on_their_own(tmp_path, results, monk
     # 10 s each: their evaluations are as long.
     lines = cell_statuses(cells, results, jobs=1)
     assert [line.seconds_left for line in lines] == pytest.approx([10.0, 10.0])
+
+
+@pytest.mark.parametrize("verb", ["train", "sweep", "training that begins"])
+def test_episodes_of_last_evaluations_that_were_typed_count(
+    verb, tmp_path, results, cell, monkeypatch, run_command
+):
+    measured = []
+
+    def measure(runs, device, final_episodes):
+        measured.append(final_episodes)
+        return 1.0
+
+    monkeypatch.setattr(engines, "seconds_per_step", measure)
+    if verb == "training that begins":
+        list(forecasts([cell], results, Local(results, 1, final_episodes=7)))
+    else:
+        what = write_matrix(tmp_path, seeds="0") if verb == "sweep" else "--seeds=0"
+        code, _, err = run_command(
+            verb, what, "--dry-run", "--final-episodes", 7, results=results.path
+        )
+        assert code == 0, err
+    assert set(measured) == {7}
 
 
 def test_time_left_is_estimated_from_runs_on_same_device(results, cell):

@@ -12,7 +12,7 @@ from jbench.store import Results
 from jbench.store.locks import HeldError
 from jbench.training import batched_run, engines, evaluation
 from jbench.training.batched_run import run_batch
-from jbench.training.engines import learning_share, make_trainer, seconds_per_step
+from jbench.training.engines import evaluation_steps, learning_share, make_trainer, seconds_per_step
 from jbench.training.evaluation import derive_seeds, evaluate_policies
 from jbench.training.events import EpisodeEnded
 from jbench.training.repeat import reevaluate
@@ -245,6 +245,13 @@ def test_speed_is_measured_with_the_updates_of_a_run(
     # A clock that counts updates.
     counted = seconds_per_step([run], clock=lambda: made[0].updates if made else 0)
     assert counted == pytest.approx(updates, rel=1e-3)
+
+
+def test_evaluations_are_counted_in_control_steps_of_training():
+    run = settings(steps=10 * EPISODE, evaluate_every=5 * EPISODE, evaluate_episodes=2)
+    # Two episodes in the middle; at the end as many as the training has, or as were typed.
+    assert evaluation_steps(run) == pytest.approx((2 + 10) / 10)
+    assert evaluation_steps(run, 3) == pytest.approx((2 + 3) / 10)
 
 
 def test_measuring_speed_does_not_change_results(tmp_path):

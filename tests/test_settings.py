@@ -146,6 +146,21 @@ def test_only_variant_is_named_by_what_is_not_the_default(run, named):
     assert variant_words({"a": run}) == {"a": named.split(", ") if named else []}
 
 
+def test_time_limit_that_the_source_brings_is_no_word_beside_other_sources():
+    runs = {
+        "published": full_run("ddpg"),
+        "figure8": full_run("ddpg", "figure8", time_limit="terminal"),
+        "typed": full_run("ddpg", "figure8", time_limit="bootstrap"),
+        "of the published": full_run("ddpg", time_limit="terminal"),
+    }
+    assert variant_words(runs) == {
+        "published": [],
+        "figure8": ["settings=figure8"],
+        "typed": ["settings=figure8", "time_limit=bootstrap"],
+        "of the published": ["time_limit=terminal"],
+    }
+
+
 def test_name_of_many_settings_is_cut_and_all_are_known():
     changes = {"tau": 0.5, "gamma": 0.9, "batch_size": 7, "buffer_size": 99, "noise_sigma": 0.3}
     run = full_run(changes=changes)

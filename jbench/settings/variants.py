@@ -8,7 +8,12 @@ from functools import cache
 from typing import Any
 
 from jbench.names import TASKS
-from jbench.settings.algorithms import SETTINGS, algorithm_settings, default_base
+from jbench.settings.algorithms import (
+    SETTINGS,
+    algorithm_settings,
+    default_base,
+    default_time_limit,
+)
 from jbench.settings.code_words import code_word
 from jbench.settings.defaults import BASE, chosen_paths, differing_paths, nearest_base
 from jbench.settings.recorded import (
@@ -33,6 +38,7 @@ CUT = "…"
 _SAME_NAME = (*COMPARED, "task", "specs", "encoder", "encoder_draws")
 _ENCODER = ("encoder",)
 _DRAWS = ("encoder_draws",)
+_TIME_LIMIT = ("time_limit",)
 _WHOSE = "encoders"  # whether agents have one encoder each, or share one
 _USUAL = "usual"  # in place of the source that a task has if none is typed
 
@@ -231,7 +237,8 @@ def _with_base(flat: Flat, only_recorded: bool) -> Flat:
     """Returns settings of a run with the name of the nearest base, and what differs from it.
 
     If `only_recorded`, options of ours that are at their default, such as `mirror`, are left out,
-    and so is the name of the base that is the task's default.
+    and so are the name of the base that is the task's default and the time limit that the base
+    brings with it.
     """
     algo = flat.get(("algo",))
     given = {path: value for path, value in flat.items() if path[0] == HYPERPARAMETERS}
@@ -251,8 +258,12 @@ def _with_base(flat: Flat, only_recorded: bool) -> Flat:
         source = _bases(algo)[base]
         changes = changes | {p: v for p, v in given.items() if source.get(p, ...) != v}
 
+    others = {path: value for path, value in flat.items() if path not in given}
+    if only_recorded and others.get(_TIME_LIMIT) == default_time_limit(base):
+        del others[_TIME_LIMIT]
+
     shown = _USUAL if only_recorded and base == default_base(task) else base
-    return {(BASE,): shown} | {p: v for p, v in flat.items() if p not in given} | changes
+    return {(BASE,): shown} | others | changes
 
 
 @cache

@@ -17,7 +17,7 @@ _KINDS = {
     "dae": ("autoencoders:DenoisingAutoencoder", "latents of a denoising autoencoder"),
     "dae-yaw": (
         "autoencoders:DenoisingAutoencoderWithYawRate",
-        "the same with the yaw rate as a latent",
+        "dae with the yaw rate as a latent",
     ),
     "ae": ("autoencoders:Autoencoder", "latents of an autoencoder"),
     "ddae": (
@@ -27,7 +27,7 @@ _KINDS = {
     "vae": ("variational:VariationalAutoencoder", "latents of a variational autoencoder"),
     "lld-vae": (
         "variational:LocallyLinearVariationalAutoencoder",
-        "the same with locally linear dynamics",
+        "vae with locally linear dynamics",
     ),
     "pca": ("linear:PrincipalComponents", "principal components"),
     "random": ("linear:RandomProjection", "random projection"),

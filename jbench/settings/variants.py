@@ -4,18 +4,12 @@ import json
 import math
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping
-from functools import cache
 from typing import Any
 
-from jbench.names import TASKS
-from jbench.settings.algorithms import (
-    SETTINGS,
-    algorithm_settings,
-    default_base,
-    default_time_limit,
-)
+from jbench.settings.algorithms import SETTINGS
 from jbench.settings.code_words import code_word
-from jbench.settings.defaults import BASE, chosen_paths, differing_paths, nearest_base
+from jbench.settings.defaults import BASE, chosen_paths, differing_paths
+from jbench.settings.named import ENCODER, USUAL, WHOSE, bases, with_base, with_encoders
 from jbench.settings.recorded import (
     COMPARED,
     HYPERPARAMETERS,
@@ -36,19 +30,14 @@ CUT = "…"
 
 # Settings that a name on all tasks leaves out.
 _SAME_NAME = (*COMPARED, "task", "specs", "encoder", "encoder_draws")
-_ENCODER = ("encoder",)
-_DRAWS = ("encoder_draws",)
-_TIME_LIMIT = ("time_limit",)
-_WHOSE = "encoders"  # whether agents have one encoder each, or share one
-_USUAL = "usual"  # in place of the source that a task has if none is typed
 
 _WORDS = {
     ("engine", "sb3"): "stable-baselines3",
     ("precision", "bfloat16"): "bfloat16",
     ("precision", "tf32"): "tf32",
-    (_WHOSE, "each"): "an encoder per agent",
-    (_WHOSE, "one"): "one encoder",
-    (BASE, _USUAL): "",
+    (WHOSE, "each"): "an encoder per agent",
+    (WHOSE, "one"): "one encoder",
+    (BASE, USUAL): "",
 }
 """Settings that have a name of their own; none for the hyperparameters that a task has."""
 
@@ -90,7 +79,7 @@ def variant_words(
     """
 
     def word(name: str, value: Any) -> str:
-        encoder = encoders.get(str(value)) if encoders and (name,) == _ENCODER else None
+        encoder = encoders.get(str(value)) if encoders and (name,) == ENCODER else None
         return encoder or _word(name, value, dates or {})
 
     jitterbug = {v: run for v, run in settings.items() if getattr(run, "specs", None) is None}
@@ -108,7 +97,7 @@ def variant_words(
 
     first = dict(next(iter(group.items())) for group in groups.values())
     always = {variant: chosen_paths(run) | {*elsewhere} for variant, run in first.items()}
-    words = _labels(first, word, (*_SAME_NAME, _WHOSE), in_words=True, always=always)
+    words = _labels(first, word, (*_SAME_NAME, WHOSE), in_words=True, always=always)
     named: dict[str, list[str]] = {}
     for variant, group in zip(first, groups.values(), strict=True):
         for task in dict.fromkeys(run.task for run in group.values()):
@@ -144,7 +133,7 @@ def _chosen(run: Run) -> Flat:
     if not isinstance(run, RunSettings):
         return {}
     paths = chosen_paths(run)
-    named = _with_base(flatten(run), only_recorded=True)
+    named = with_base(flatten(run), only_recorded=True)
     return {path: value for path, value in named.items() if path in paths}
 
 
@@ -172,17 +161,20 @@ def _labels(
     If `in_words`, options of ours at their default are left out. Of each variant, the settings in
     `always` are named even if all variants agree.
     """
-    flat = {v: _with_base(flatten(values), in_words) for v, values in settings.items()}
+    flat = {v: with_base(flatten(values), only_recorded=in_words) for v, values in settings.items()}
     if in_words:
-        flat = _with_encoders(flat)
+        flat = with_encoders(flat)
 
     always = always or {}
     paths = list(dict.fromkeys(path for values in flat.values() for path in values))
     differing = differing_paths(flat.values())
     kept = differing.union(*always.values())
     named = [path for path in paths if path in kept and path[0] not in left_out]
+
+    # A last part that two paths share does not tell them apart.
     ends = Counter(path[-1] for path in named)
     names = {path: path[-1] if ends[path[-1]] == 1 else ".".join(path) for path in named}
+
     rows = sorted(flat.items(), key=lambda row: ([_rank(row[1].get(p)) for p in named], row[0]))
     labels = {}
     has_all = True
@@ -192,7 +184,8 @@ def _labels(
             texts[path] = texts[path] or f"{names[path]}={_text(values[path])}"
 
         algo = values.get(("algo",))
-        usual = _bases(algo)["published"] if algo in SETTINGS else {}
+        usual = bases(algo)["published"] if algo in SETTINGS else {}
+
         # What tells variants apart is named first, and of that what is unusual.
         ranked = sorted(
             filter(texts.get, named),
@@ -207,73 +200,6 @@ def _labels(
         labels = {variant: [*label, f"{CUT} ({variant})"] for variant, label in labels.items()}
 
     return labels
-
-
-def _with_encoders(flat: Mapping[str, Flat]) -> dict[str, Flat]:
-    """Returns settings of variants that say whose encoder it is, if some share one and some don't.
-
-    Ids and hashes of encoders are left out where this tells the variants apart.
-    """
-    draws = {values.get(_DRAWS) for values in flat.values()} - {None}
-    shared = {values.get(_ENCODER) for values in flat.values()} - {None}
-    if not (draws and shared):
-        return dict(flat)
-
-    changed = {}
-    for variant, values in flat.items():
-        each = values.get(_DRAWS) is not None
-        kept = {
-            path: value
-            for path, value in values.items()
-            if not (path == _DRAWS and len(draws) == 1)
-            and not (path == _ENCODER and len(shared) == 1)
-        }
-        changed[variant] = {(_WHOSE,): "each" if each else "one"} | kept
-
-    return changed
-
-
-def _with_base(flat: Flat, only_recorded: bool) -> Flat:
-    """Returns settings of a run with the name of the nearest base, and what differs from it.
-
-    If `only_recorded`, options of ours that are at their default, such as `mirror`, are left out,
-    and so are the name of the base that is the task's default and the time limit that the base
-    brings with it.
-    """
-    algo = flat.get(("algo",))
-    given = {path: value for path, value in flat.items() if path[0] == HYPERPARAMETERS}
-    if algo not in SETTINGS or not given:
-        return flat
-
-    published = _bases(algo)["published"]
-    # Only in tests runs have no task.
-    task = str(flat.get(("task",), TASKS[0]))
-    base = nearest_base(algo, {".".join(path[1:]): value for path, value in given.items()}, task)
-    assert base is not None
-    changes = given if base == "published" else published
-    if only_recorded:
-        omitted = flatten({HYPERPARAMETERS: SETTINGS[algo].omitted()})
-        changes = {p: v for p, v in changes.items() if v != omitted.get(p, ...)}
-    if base != "published":
-        source = _bases(algo)[base]
-        changes = changes | {p: v for p, v in given.items() if source.get(p, ...) != v}
-
-    others = {path: value for path, value in flat.items() if path not in given}
-    if only_recorded and others.get(_TIME_LIMIT) == default_time_limit(base):
-        del others[_TIME_LIMIT]
-
-    shown = _USUAL if only_recorded and base == default_base(task) else base
-    return {(BASE,): shown} | others | changes
-
-
-@cache
-def _bases(algo: str) -> dict[str, Flat]:
-    """Returns the flat hyperparameters of each source that an algorithm has."""
-    omitted = SETTINGS[algo].omitted()
-    return {
-        base: flatten({HYPERPARAMETERS: omitted | algorithm_settings(algo, base).values})
-        for base in SETTINGS[algo].bases
-    }
 
 
 def _text(value: Any) -> str:

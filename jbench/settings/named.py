@@ -1,0 +1,91 @@
+"""Settings of runs as their names have them: by the nearest base, and with whose encoder it is."""
+
+from collections.abc import Mapping
+from functools import cache
+
+from jbench.names import TASKS
+from jbench.settings.algorithms import (
+    SETTINGS,
+    algorithm_settings,
+    default_base,
+    default_time_limit,
+)
+from jbench.settings.defaults import BASE, nearest_base
+from jbench.settings.recorded import HYPERPARAMETERS, Flat, flatten
+
+ENCODER = ("encoder",)
+DRAWS = ("encoder_draws",)
+TIME_LIMIT = ("time_limit",)
+
+WHOSE = "encoders"
+"""Whether agents have one encoder each, or share one."""
+
+USUAL = "usual"
+"""The base that a task has if none is typed."""
+
+
+def with_encoders(flat: Mapping[str, Flat]) -> dict[str, Flat]:
+    """Returns settings of variants that say whose encoder it is, if some share one and some don't.
+
+    Ids and hashes of encoders are left out where this tells the variants apart.
+    """
+    draws = {values.get(DRAWS) for values in flat.values()} - {None}
+    shared = {values.get(ENCODER) for values in flat.values()} - {None}
+    if not (draws and shared):
+        return dict(flat)
+
+    changed = {}
+    for variant, values in flat.items():
+        each = values.get(DRAWS) is not None
+        kept = {
+            path: value
+            for path, value in values.items()
+            if not (path == DRAWS and len(draws) == 1)
+            and not (path == ENCODER and len(shared) == 1)
+        }
+        changed[variant] = {(WHOSE,): "each" if each else "one"} | kept
+
+    return changed
+
+
+def with_base(flat: Flat, *, only_recorded: bool) -> Flat:
+    """Returns settings of a run with the name of the nearest base, and what differs from it.
+
+    If `only_recorded`, options of ours that are at their default, such as `mirror`, are left out,
+    and so are the name of the base that is the task's default and the time limit that the base
+    brings with it.
+    """
+    algo = flat.get(("algo",))
+    given = {path: value for path, value in flat.items() if path[0] == HYPERPARAMETERS}
+    if algo not in SETTINGS or not given:
+        return flat
+
+    published = bases(algo)["published"]
+    # Only in tests runs have no task.
+    task = str(flat.get(("task",), TASKS[0]))
+    base = nearest_base(algo, {".".join(path[1:]): value for path, value in given.items()}, task)
+    assert base is not None
+    changes = given if base == "published" else published
+    if only_recorded:
+        omitted = flatten({HYPERPARAMETERS: SETTINGS[algo].omitted()})
+        changes = {p: v for p, v in changes.items() if v != omitted.get(p, ...)}
+    if base != "published":
+        usual = bases(algo)[base]
+        changes = changes | {p: v for p, v in given.items() if usual.get(p, ...) != v}
+
+    others = {path: value for path, value in flat.items() if path not in given}
+    if only_recorded and others.get(TIME_LIMIT) == default_time_limit(base):
+        del others[TIME_LIMIT]
+
+    shown = USUAL if only_recorded and base == default_base(task) else base
+    return {(BASE,): shown} | others | changes
+
+
+@cache
+def bases(algo: str) -> dict[str, Flat]:
+    """Returns the hyperparameters of each base that an algorithm has, by their paths."""
+    omitted = SETTINGS[algo].omitted()
+    return {
+        base: flatten({HYPERPARAMETERS: omitted | algorithm_settings(algo, base).values})
+        for base in SETTINGS[algo].bases
+    }

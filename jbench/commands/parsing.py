@@ -15,6 +15,7 @@ from jbench import names
 from jbench.commands import output
 from jbench.errors import RequestError
 from jbench.settings.algorithms import ALGORITHMS
+from jbench.task_specs import GYM
 
 if TYPE_CHECKING:
     from jbench.store import Results
@@ -159,6 +160,21 @@ def parse_overrides(assignments: list[str]) -> dict[str, Any]:
 def comma_separated(text: str | None) -> list[str]:
     """Returns the names in a text such as face_direction,dae12; none for None."""
     return [] if text is None else [name.strip() for name in text.split(",")]
+
+
+def names_of_matrix(text: str | None) -> list[str]:
+    """Returns the names in a text such as gym:Hopper-v5,frame_skip=2,td3; none for None.
+
+    The arguments of `gymnasium.make` are part of the task's name.
+    """
+    found: list[str] = []
+    for name in comma_separated(text):
+        if "=" in name and found and found[-1].startswith(GYM):
+            found[-1] += f",{name}"
+        else:
+            found.append(name)
+
+    return found
 
 
 def _value(text: str) -> Any:

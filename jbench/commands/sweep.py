@@ -173,7 +173,7 @@ def _chosen_parts(
     from jbench.studies.matrix import only, read_matrix
 
     changes = {name: value for name, value in typed.items() if value is not None}
-    return only(read_matrix(matrix, **changes), parsing.comma_separated(only_some))
+    return only(read_matrix(matrix, **changes), parsing.names_of_matrix(only_some))
 
 
 def _device(

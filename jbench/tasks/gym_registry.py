@@ -1,5 +1,6 @@
 """Environments of Gymnasium's registry: gym:ID, with arguments of `gymnasium.make`."""
 
+import contextlib
 import importlib
 import json
 import sys
@@ -15,6 +16,8 @@ from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.names import closest
 from jbench.sources import source_files
 from jbench.task_specs import GYM
+
+_WRITTEN_IN_PYTHON = {"True": "true", "False": "false", "None": "null"}
 
 
 @dataclass(frozen=True)
@@ -112,12 +115,30 @@ def _arguments(name: str, options: Iterable[str]) -> dict[str, Any]:
         if key in arguments:
             raise RequestError(f"{name} has the argument {key} twice; type it once.")
 
-        try:
-            arguments[key] = json.loads(value)
-        except ValueError:
-            arguments[key] = value
+        arguments[key] = _value(name, key, value)
 
     return arguments
+
+
+def _value(name: str, key: str, text: str) -> Any:
+    """Returns the value of an argument of `gymnasium.make`: a number, true, false, null or text."""
+    for read in (json.loads, float):
+        with contextlib.suppress(ValueError):
+            return read(text)
+
+    if text in _WRITTEN_IN_PYTHON:
+        raise RequestError(
+            f"{name}: {key}={text} would be the text {text!r}; type {key}="
+            f"{_WRITTEN_IN_PYTHON[text]}."
+        )
+
+    if text.startswith(("[", "(", "{")):
+        raise RequestError(
+            f"{name}: {key} is a list, which can't be typed here; write a function that returns "
+            "gymnasium.make(...), and type MODULE:NAME of it."
+        )
+
+    return text
 
 
 def _register(name: str, module: str) -> None:

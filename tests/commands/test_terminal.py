@@ -110,6 +110,18 @@ def test_counts_are_typed_as_steps_are():
     }
 
 
+def test_arguments_of_a_task_stay_with_it_among_names():
+    hopper = "gym:Hopper-v5,frame_skip=2,ctrl_cost_weight=0"
+    assert parsing.names_of_matrix(f"td3,{hopper},gym:Pendulum-v1, full") == [
+        "td3",
+        hopper,
+        "gym:Pendulum-v1",
+        "full",
+    ]
+    assert parsing.names_of_matrix("td3,g=9.8") == ["td3", "g=9.8"]
+    assert parsing.names_of_matrix(None) == []
+
+
 @pytest.mark.parametrize(
     ("typed", "hint"),
     [

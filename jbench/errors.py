@@ -33,10 +33,14 @@ class ElsewhereError(WorkError):
 
 
 def sentence_of_failure(error: BaseException) -> str:
-    """Returns the sentence of a `RequestError` or `WorkError`; of others, type, text and line."""
+    """Returns the sentence of a `RequestError` or `WorkError`; of others, type, text and line.
+
+    The line is that of the user's file. The text may have several lines, and is put in one.
+    """
     if isinstance(error, RequestError | WorkError):
         return str(error)
-    return f"{type(error).__name__}: {error}{_line_of_user(error)}"
+    said = f"{type(error).__name__}: {error}"
+    return f"{' '.join(said.split())}{_line_of_user(error)}"
 
 
 def _line_of_user(error: BaseException) -> str:

@@ -11,11 +11,16 @@ _ZERO = 1e-6
 _SMALL = 9.95
 """Numbers between them have two significant digits."""
 
+_LARGE = 1e12
+"""Numbers from it on have three, and an exponent."""
+
 
 def whole(value: float) -> str:
     """Formats a return; one just below `SOLVED_RETURN` has a decimal: 899.6 must not read 900."""
     if _ZERO < abs(value) < _SMALL:
         return f"{value:.2g}"
+    if _LARGE <= abs(value) < math.inf:
+        return f"{value:.3g}"
     if SOLVED_RETURN - 0.5 <= value < SOLVED_RETURN:
         return f"{math.floor(10 * value) / 10:,}"
     return f"{round(value):,d}" if math.isfinite(value) else fixed(value, 0)
@@ -30,6 +35,8 @@ def signed(value: float) -> str:
     """Formats a difference of returns."""
     if _ZERO < abs(value) < _SMALL:
         return f"{value:+.2g}"
+    if _LARGE <= abs(value) < math.inf:
+        return f"{value:+.3g}"
     return f"{round(value):+,d}" if abs(value) > _ZERO else "0"
 
 
@@ -53,6 +60,8 @@ def fixed(value: float, places: int, sign: str = "-") -> str:
     """Formats a return with a number of decimals, and a difference with the sign "+"."""
     if not math.isfinite(value):
         return f"{value:{sign}}".replace("inf", "infinite")
+    if abs(value) >= _LARGE:
+        return f"{value:{sign}.3g}"
     if sign == "-" and SOLVED_RETURN - 0.5 <= value < SOLVED_RETURN:  # as by `whole`
         value = math.floor(value * 10**places) / 10**places
     text = f"{value:{sign}z,.{places}f}"

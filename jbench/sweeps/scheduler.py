@@ -25,6 +25,7 @@ from jbench.sweeps.cell_status import cell_statuses, forecast, memory_sentence
 from jbench.sweeps.executors import Local, Ray
 from jbench.sweeps.preparation import prepare
 from jbench.tasks.find import checked_task
+from jbench.tasks.task import DOES_NOT_REPEAT
 from jbench.training.events import (
     Event,
     Failed,
@@ -105,8 +106,9 @@ def sweep(
     if not cells:
         return {}
 
-    for run in new:
-        checked_task(run.task)
+    for name in dict.fromkeys(run.task for run in new):
+        if not checked_task(name).repeats():
+            report(Warned(f"{name}: {DOES_NOT_REPEAT}."))
 
     make_directory(results.folder("run", cells[0].runs[0].id).path)
     executor = make_executor() if make_executor else Local(results)

@@ -20,7 +20,7 @@ from jbench.tasks.dm_specification import (
 from jbench.tasks.dm_worlds import DmWorlds, EnvironmentTask, close, may_end_early
 from jbench.tasks.gym_adapter import GymAdapter
 from jbench.tasks.robot_checksum import model_hash, robot_checksum
-from jbench.tasks.task import rollout
+from jbench.tasks.task import DOES_NOT_REPEAT, rollout
 from jbench.tasks.worlds import Worlds
 
 Make = Callable[[int], Any]
@@ -64,6 +64,8 @@ class DmTask(EnvironmentTask):
     def _read(self, environment: Any, files: Mapping[str, str] | None, takes_random: bool) -> None:
         """Reads what is known of an environment; an UnusableError says why it can't be used."""
         self.parts, self.notes = read_parts(environment)
+        if isinstance(environment, GymAdapter):
+            self.notes += environment.notes()
         self._bounds = read_bounds(environment)
         self.action_size = len(self._bounds.minimum)
         self.ends_early = may_end_early(environment)
@@ -155,7 +157,7 @@ class DmTask(EnvironmentTask):
         with self.worlds(1) as worlds:
             once = self._random_episode(worlds)
             again = self._random_episode(worlds)
-        return np.array_equal(once, again)
+        return all(map(np.array_equal, once, again))
 
     def repeats(self) -> bool:
         """See `Task.repeats`; dm_control's suite is not tried."""
@@ -176,23 +178,25 @@ class DmTask(EnvironmentTask):
         except WorkError as error:
             raise RequestError(str(error)) from None
         if not has_repeated:
-            self.notes += (
-                "the same seed and actions made another episode, so its runs can't be reproduced; "
-                "one that is resumed truncates the episodes that it can't repeat",
-            )
+            self.notes += (DOES_NOT_REPEAT,)
 
-    def _random_episode(self, worlds: Worlds) -> NDArray[np.float32]:
-        """Returns the observations (steps + 1, size) of an episode of random actions."""
+    def _random_episode(self, worlds: Worlds) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Returns what an episode of random actions has.
+
+        These are its observations (steps + 1, size) and its rewards (steps, 1).
+        """
         random = np.random.default_rng(0)
         shape = (1, self.action_size)
         seen = [worlds.reset([random])]
+        rewards = []
         worlds.check()
 
         for step in rollout(worlds, seen[0], lambda _: random.uniform(-1, 1, shape)):
             worlds.check()
             seen.append(step.next_observations)
+            rewards.append(step.rewards)
 
-        return np.concatenate(seen)
+        return np.concatenate(seen), np.stack(rewards)
 
     def _check_columns(self) -> None:
         """Raises an UnusableError if two columns of a dataset would have one name.

@@ -138,6 +138,8 @@ def measure_episode(environment: Any, bounds: Bounds) -> int:
             timestep = environment.step(command)
             is_last = timestep.last()
             steps += 1
+    except UnusableError:
+        raise
     except Exception as error:
         raise UnusableError(f"it fails ({sentence_of_failure(error)})") from error
 

@@ -15,10 +15,14 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from jbench.errors import WorkError, sentence_of_failure
+from jbench.tasks.dm_specification import UnusableError
 from jbench.tasks.task import Task
 from jbench.tasks.worlds import Chosen, EndingWorlds, EpisodeError, ModelAndData, WorldsState
+from jbench.wording import counted
 
 _ROUNDING = 1e-6  # by which rewards may exceed [0, 1]
+
+_LARGEST_REWARD = 1e15  # agents learn in float32, which holds the square of a return of 1e18
 
 
 class EnvironmentTask(Task):
@@ -217,6 +221,8 @@ class DmWorlds(EndingWorlds):
         reward = np.nan if timestep.reward is None else float(timestep.reward)
         if not np.isfinite(reward):
             raise _FlawError(f"its reward is {reward}")
+        if abs(reward) > _LARGEST_REWARD:
+            raise _FlawError(f"its reward is {reward:g}; scale it to at most {_LARGEST_REWARD:g}")
         if self._task.has_unit_rewards and not -_ROUNDING <= reward <= 1 + _ROUNDING:
             raise _FlawError(f"its reward is {reward}, not in [0, 1]")
 
@@ -243,21 +249,24 @@ class DmWorlds(EndingWorlds):
         parts = [np.ravel(values[name]) for name in self._task.parts]
         size = sum(map(len, parts))
         if size != len(row):
-            raise _FlawError(f"its observation has {size} values instead of {len(row)}")
+            raise _FlawError(f"its observation has {counted(size, 'value')} instead of {len(row)}")
 
         observed = np.empty_like(row)
-        np.concatenate(parts, out=observed, casting="same_kind")
+        with np.errstate(over="ignore"):
+            np.concatenate(parts, out=observed, casting="same_kind")
         if not np.isfinite(observed).all():
-            name = next(key for key, value in values.items() if not np.isfinite(value).all())
-            raise _FlawError(f"{name} of its observation is not finite")
+            limit = np.finfo(np.float32).max
+            pairs = zip(self._task.parts, parts, strict=True)
+            name = next(name for name, part in pairs if not (np.abs(part) <= limit).all())
+            raise _FlawError(f"{name} of its observation is not finite in float32")
 
         row[:] = observed
 
     def _fail(self, world: int, error: Exception) -> None:
         """Notes why the episode of a world can't go on."""
         reason = str(error)
-        if not isinstance(error, _FlawError):
-            reason = f"it fails ({' '.join(sentence_of_failure(error).split())})"
+        if not isinstance(error, _FlawError | UnusableError):
+            reason = f"it fails ({sentence_of_failure(error)})"
         self.failures[world] = EpisodeError(
             self._task.name, int(self._seeds[world]), int(self.elapsed[world]), reason
         )

@@ -5,14 +5,17 @@ datasets: `Box` observations are `observation`, and the parts of `Dict` and `Tup
 have their keys and numbers, joined by underscores.
 """
 
-from collections.abc import Iterator
+import traceback
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
-from gymnasium.wrappers import TimeLimit
+from gymnasium.wrappers import NormalizeObservation, NormalizeReward, TimeLimit
 from numpy.typing import NDArray
 
 from jbench.tasks.dm_specification import UnusableError
@@ -77,6 +80,25 @@ class GymAdapter:
         timestep = getattr(self.env.unwrapped, "dt", None)
         return float(timestep) if isinstance(timestep, float | int) and timestep > 0 else None
 
+    def notes(self) -> tuple[str, ...]:
+        """Returns what users should know of its wrappers, as clauses."""
+        env = self.env
+        found = []
+        while isinstance(env, gymnasium.Wrapper):
+            if isinstance(env, NormalizeObservation):
+                found.append(
+                    "its wrapper NormalizeObservation has statistics of its own in each copy of "
+                    "the environment, so agents are evaluated with others than they were trained "
+                    "with; leave it out, and type --set normalize=running"
+                )
+            elif isinstance(env, NormalizeReward):
+                found.append(
+                    "its wrapper NormalizeReward changes the rewards, and so the returns, by "
+                    "statistics of its own in each copy of the environment; leave it out"
+                )
+            env = env.env
+        return tuple(found)
+
     def reseed(self, seed: int) -> None:
         """Seeds the next episode."""
         self._seed = seed
@@ -105,21 +127,28 @@ class GymAdapter:
 
     def reset(self) -> TimeStep:
         """Begins an episode."""
-        observation, _ = self.env.reset(seed=self._seed)
-        return TimeStep(dict(_values("", observation)))
+        reset = partial(self.env.reset, seed=self._seed)
+        observation, _ = _values_of("reset", reset, ("observation", "info"))
+        return TimeStep(self._observed(observation))
 
     def step(self, action: NDArray[np.float64]) -> TimeStep:
         """Applies an action (size,) for one control step."""
         space = self.env.action_space
         command = np.asarray(action, space.dtype).reshape(space.shape)
-        observation, reward, terminated, truncated, _ = self.env.step(command)
+        step = partial(self.env.step, command)
+        wanted = ("observation", "reward", "terminated", "truncated", "info")
+        observation, reward, terminated, truncated, _ = _values_of("step", step, wanted)
         discount = 0.0 if terminated else 1.0
         ended = bool(terminated or truncated)
-        return TimeStep(dict(_values("", observation)), float(reward), discount, ended)
+        return TimeStep(self._observed(observation), _number(reward), discount, ended)
 
     def close(self) -> None:
         """Closes the environment."""
         self.env.close()
+
+    def _observed(self, observation: Any) -> dict[str, Any]:
+        """Returns the values of the parts of an observation by name."""
+        return dict(_values("", self.env.observation_space, observation))
 
 
 def _joined(prefix: str, name: object) -> str:
@@ -139,16 +168,57 @@ def _parts(prefix: str, space: spaces.Space[Any]) -> Iterator[tuple[str, Any]]:
         yield prefix or "observation", space
 
 
-def _values(prefix: str, observation: Any) -> Iterator[tuple[str, Any]]:
-    """Yields the values of the parts of an observation, each with its name."""
-    if isinstance(observation, dict):
-        for name, part in observation.items():
-            yield from _values(_joined(prefix, name), part)
-    elif isinstance(observation, tuple):
-        for number, part in enumerate(observation):
-            yield from _values(_joined(prefix or "part", number), part)
-    else:
+def _values(prefix: str, space: spaces.Space[Any], observation: Any) -> Iterator[tuple[str, Any]]:
+    """Yields the values of the parts of an observation, each with its name.
+
+    Those that the observation lacks, or has beyond its space, are left out.
+    """
+    if isinstance(space, spaces.Dict) and isinstance(observation, Mapping):
+        for name, part in space.spaces.items():
+            if name in observation:
+                yield from _values(_joined(prefix, name), part, observation[name])
+    elif isinstance(space, spaces.Tuple) and isinstance(observation, tuple | list):
+        for number, (part, value) in enumerate(zip(space.spaces, observation, strict=False)):
+            yield from _values(_joined(prefix or "part", number), part, value)
+    elif isinstance(space, spaces.Box):
         yield prefix or "observation", observation
+
+
+def _values_of(method: str, call: Callable[[], Any], wanted: Sequence[str]) -> tuple[Any, ...]:
+    """Returns what a method of an environment returns: a tuple of the values that are wanted.
+
+    Anything else, such as what the older library Gym returned, is an UnusableError.
+    """
+    returned = None
+    try:
+        returned = call()
+    except ValueError as error:
+        if not _is_of_unpacking_in_wrapper(error):
+            raise
+
+    if isinstance(returned, tuple) and len(returned) == len(wanted):
+        return returned
+
+    raise UnusableError(
+        f"its {method} does not return the {len(wanted)} values of a gymnasium.Env: "
+        f"{', '.join(wanted)}"
+    )
+
+
+def _is_of_unpacking_in_wrapper(error: ValueError) -> bool:
+    """Returns whether a wrapper of Gymnasium got too few or too many values."""
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    library = Path(gymnasium.__file__).parent
+    return "values to unpack" in str(error) and Path(last.filename).is_relative_to(library)
+
+
+def _number(reward: Any) -> float:
+    """Returns a reward as a number; one that is none is an UnusableError."""
+    try:
+        return float(reward)
+    except (TypeError, ValueError):
+        shown = " ".join(repr(reward).split())
+        raise UnusableError(f"its reward is {shown[:100]}, not a number") from None
 
 
 def _check_part(name: str, space: spaces.Space[Any]) -> None:

@@ -163,6 +163,13 @@ def episode_generator(seed: int, episode: int) -> Generator:
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(episode,)))
 
 
+DOES_NOT_REPEAT = (
+    "the same seed and actions made another episode, so its runs can't be reproduced; one that is "
+    "resumed truncates the episodes that it can't repeat"
+)
+"""What users should know of a task that does not repeat, as a clause."""
+
+
 class ControlStep(NamedTuple):
     """A control step of all worlds."""
 

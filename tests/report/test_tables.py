@@ -244,6 +244,10 @@ def test_small_numbers_have_two_digits():
     # Returns of other environments may be from 0 to 1.
     assert [numbers.signed(x) for x in (0.234, -9.94, 9.96)] == ["+0.23", "-9.9", "+10"]
     assert [numbers.whole(x) for x in (0.234, -9.94, 9.96)] == ["0.23", "-9.9", "10"]
+    large = 3.14159e20
+    assert [numbers.whole(large), numbers.signed(-large)] == ["3.14e+20", "-3.14e+20"]
+    assert [numbers.fixed(large, 0), numbers.fixed(large, 0, "+")] == ["3.14e+20", "+3.14e+20"]
+    assert numbers.whole(1e12 - 1) == "999,999,999,999"
 
 
 @pytest.mark.parametrize(

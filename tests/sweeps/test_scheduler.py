@@ -17,6 +17,7 @@ from jbench.sweeps.cell import all_runs, matrix_cells
 from jbench.sweeps.cell_status import cell_statuses
 from jbench.sweeps.scheduler import sweep
 from jbench.tasks.find import find_task
+from jbench.tasks.task import DOES_NOT_REPEAT
 from jbench.training.events import Finished, Note, Warned
 from tests.command_line import SHORT, with_short_episodes
 from tests.sweep_matrices import runs_of_matrix, states, write_matrix
@@ -181,6 +182,20 @@ def test_runs_without_dataset_fail_and_start_no_process(tmp_path, monkeypatch):
         assert reason.startswith("its dataset can't be collected:")
     (warning,) = texts(events, Warned)
     assert warning.startswith(f"the runs on {cells[0].encoders[0].id} are left out: its dataset")
+
+
+def test_task_that_does_not_repeat_is_warned_of_once_before_its_training(tmp_path):
+    task, events = "tests.gym_tasks:drifts", []
+    matrix = tmp_path / "lab.toml"
+    matrix.write_text(f'tasks = ["{task}"]\nalgos = ["td3", "ppo"]\nsteps = 1000\nseeds = "0"\n')
+    results = Results(tmp_path / "results")
+
+    def no_executor():
+        raise RequestError("Here the training would begin.")
+
+    with pytest.raises(RequestError, match="would begin"):
+        sweep(matrix_cells(read_matrix(str(matrix)), results), results, no_executor, events.append)
+    assert events == [Warned(f"{task}: {DOES_NOT_REPEAT}.")]
 
 
 def test_task_is_tried_only_if_a_run_of_it_is_new(tmp_path):

@@ -7,8 +7,11 @@ import pytest
 from jbench.errors import RequestError
 from jbench.settings.records import DatasetSettings
 from jbench.tasks.find import checked_task, code_provenance, dataset_robot, find_task
+from jbench.tasks.gym_registry import find_environment
+from jbench.tasks.task import DOES_NOT_REPEAT
 
 LAB = "tests.gym_tasks"
+MISTAKEN = "tests.mistaken_gym_tasks"
 
 
 @pytest.mark.parametrize(
@@ -35,6 +38,39 @@ LAB = "tests.gym_tasks"
         ("math.cart", "to use the module math, type math:cart.$"),
         ("leg.xml", "leg.xml is a model, and a task also needs rewards; write a function"),
         ("gym:nowhere:Cart-v0", "gym:nowhere:Cart-v0: there is no module nowhere; install its"),
+        (
+            f"{MISTAKEN}:older_step",
+            "at control step 1 .*, its step does not return the 5 values of a gymnasium.Env: "
+            "observation, reward, terminated, truncated, info.$",
+        ),
+        (
+            f"{MISTAKEN}:older_reset",
+            "its reset does not return the 2 values of a gymnasium.Env: observation, info.$",
+        ),
+        (f"{MISTAKEN}:no_reward", "at control step 1 .*, its reward is None, not a number.$"),
+        (f"{MISTAKEN}:reward_in_array", r"its reward is array\(\[0.5\]\), not a number.$"),
+        (
+            f"{MISTAKEN}:large_reward",
+            r"at control step 1 .*, its reward is -1e\+30; scale it to at most 1e\+15.$",
+        ),
+        (
+            f"{MISTAKEN}:large_observation",
+            "at control step 0 .*, cart of its observation is not finite in float32.$",
+        ),
+        (f"{MISTAKEN}:nothing_observed", "its observation has 1 value instead of 2.$"),
+        (
+            f"{MISTAKEN}:unlicensed",
+            r"made \(RuntimeError: no license for the simulator, line \d+ of",
+        ),
+        (
+            "gym:Hopper-v5,terminate_when_unhealthy=False",
+            "terminate_when_unhealthy=False would be the text 'False'; type "
+            "terminate_when_unhealthy=false.$",
+        ),
+        (
+            "gym:Hopper-v5,healthy_z_range=[0.6,2],frame_skip=2",
+            "healthy_z_range is a list, which can't be typed here; write a function",
+        ),
         ("gym:Pendulum-v1,g", "'g' is no argument of gymnasium.make; type NAME=VALUE"),
         ("gym:Pendulum-v1,g=9.8,g=1", "has the argument g twice; type it once"),
         ("Pendulum-v1", "did you mean gym:Pendulum-v1?"),
@@ -62,6 +98,43 @@ def test_parts_of_an_observation_are_named_and_actions_scaled():
         position += 0.1 * velocity
         np.testing.assert_allclose(observations[i], [position, velocity, 0.25, -0.5], rtol=1e-5)
         np.testing.assert_allclose(rewards[i], -10 * abs(position), rtol=1e-5)
+
+
+def test_list_is_taken_for_a_tuple_and_what_the_space_lacks_left_out():
+    seen = []
+    for name in (f"{LAB}:cart", f"{MISTAKEN}:list_for_tuple"):
+        with checked_task(name).worlds(1) as worlds:
+            seen.append(worlds.reset([np.random.default_rng(0)]))
+    np.testing.assert_array_equal(*seen)
+
+
+@pytest.mark.parametrize(
+    ("typed", "value"),
+    [
+        ("9.8", 9.8),
+        (".5", 0.5),
+        ("2", 2),
+        ("inf", np.inf),
+        ("true", True),
+        ("null", None),
+        ("soft", "soft"),
+        ('"3"', "3"),
+        ("[3]", [3]),
+    ],
+)
+def test_typed_argument_has_a_value(typed, value):
+    found = find_environment(f"gym:Pendulum-v1,g={typed}").arguments["g"]
+    assert (type(found), found) == (type(value), value)
+
+
+def test_environments_with_statistics_of_their_own_are_noted():
+    # Only the rewards of this one depend on the episodes before.
+    reward = checked_task(f"{MISTAKEN}:normalized_reward")
+    observation = checked_task(f"{MISTAKEN}:normalized_observation")
+    assert [task.repeats() for task in (reward, observation)] == [False, False]
+    assert reward.notes[0].startswith("its wrapper NormalizeReward changes the rewards")
+    assert observation.notes[0].endswith("leave it out, and type --set normalize=running")
+    assert reward.notes[1] == observation.notes[1] == DOES_NOT_REPEAT
 
 
 def test_worlds_are_the_environments_of_gymnasium():

@@ -28,6 +28,12 @@ _CODE = re.compile(
 )
 """Users' code as names call it, or as a setting: `code 3f2a91 of 2026-11-28`, `code=3f2a91`."""
 
+_DATED_CODE = re.compile(r"code[ =]+(of )?(?P<date>\d{4}-\d\d-\d\d( \(\d+\))?)")
+"""Users' code of records without its checksum, as names call it: `code of 2026-11-28`."""
+
+OF = "of "
+"""In place of a checksum of users' code, the beginning of the date of its first record."""
+
 _EXCLUSIVE = (
     ("compare", "baseline"),
     ("curves", "compare", "baseline", "since", "claims", "reference"),
@@ -37,8 +43,11 @@ _EXCLUSIVE = (
 def setting(typed: str) -> tuple[str, str]:
     """Returns the name and value of a setting, typed as it, tables or `--encoder` call it.
 
-    Of users' code, the value is the beginning of a checksum; a date after it is not needed.
+    Of users' code, the value is the beginning of a checksum, after which a date is not needed; or
+    `OF` and the date alone, in names of records without a checksum.
     """
+    if match := _DATED_CODE.fullmatch(typed.strip()):
+        return "sources", f"{OF}{match['date']}"
     if match := _CODE.fullmatch(typed.strip()):
         (name,) = (field for field, word in CODE_WORDS.items() if word == match["word"])
         return name, match["checksum"]

@@ -26,15 +26,21 @@ def code_word(name: str, value: Any, dates: Mapping[str, str]) -> str:
     return f"{kind} {value[:CODE_LENGTH]}{date}"
 
 
+def code_checksums(run: Run) -> list[str]:
+    """Returns the checksums of users' code that the settings of a run have."""
+    specs = run.values.get("specs")
+    holders = (run.values, specs if isinstance(specs, Mapping) else {})
+    values = (holder.get(name) for holder, name in product(holders, CODE_WORDS))
+    return [value for value in values if isinstance(value, str)]
+
+
 def code_dates(runs: Iterable[tuple[Run, object]]) -> dict[str, str]:
     """Returns the date of the first run with each checksum of code; runs come with when they began.
 
     The dates are those of manifests, to the day.
     """
     return first_dates(
-        (getattr(holder, name, None), created)
-        for run, created in runs
-        for holder, name in product((run, getattr(run, "specs", None)), CODE_WORDS)
+        (checksum, created) for run, created in runs for checksum in code_checksums(run)
     )
 
 

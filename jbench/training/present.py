@@ -4,7 +4,7 @@ Modules are found and read, but not imported: anyone may have recorded their nam
 whose files are the recorded ones is made, to compare its robot.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from jbench import plugins
@@ -26,18 +26,23 @@ class OtherCode(NamedTuple):
     files: tuple[str, ...]
 
 
-def other_code(records: Iterable[Record]) -> Iterator[OtherCode]:
-    """Yields the records with users' code that is not the present one."""
+def other_code(records: Sequence[Record]) -> Iterator[OtherCode]:
+    """Yields the records with users' code that is not the present one.
+
+    Those of runs name the code of their encoder, too, if the encoder is among the records.
+    """
+    kinds = {r.id: str(r.settings.get("kind")) for r in records if r.kind == "encoder"}
     for record in records:
         recorded = code_of(record.manifest.provenance)
         if not recorded:
             continue
-        now = _at_hand(record)
+        now = _at_hand(record, kinds)
         files = changed_since(record, now)
         missing = any(
             not now.get(key) and not now.get(module) and (recorded.get(key) or recorded.get(module))
             for key, module in MODULES.items()
-            if key != "encoder_sources"  # the encoder's own record has them
+            # Without its record, the kind of an encoder is not known.
+            if key != "encoder_sources" or str(record.settings.get("encoder")) in kinds
         )
         if not files and not missing:
             files = changed_files(recorded, _robot(record))
@@ -46,8 +51,13 @@ def other_code(records: Iterable[Record]) -> Iterator[OtherCode]:
             yield OtherCode(record.kind, record.id, created, tuple(files))
 
 
-def _at_hand(record: Record) -> dict[str, Any]:
-    """Returns the checksums of the present code that a record names, as its provenance has them."""
+def _at_hand(record: Record, kinds: Mapping[str, str]) -> dict[str, Any]:
+    """Returns the checksums of the present code that a record names, as its provenance has them.
+
+    Args:
+        record: of any kind.
+        kinds: of encoders by id.
+    """
     # These import torch and MuJoCo, which records without users' code do not need.
     from jbench.agents.find import installed
     from jbench.encoders.registry import offered_kinds
@@ -62,6 +72,9 @@ def _at_hand(record: Record) -> dict[str, Any]:
 
     if record.kind == "run":
         found |= plugins.files_at_hand(str(settings.get("algo")), installed())
+        kind = kinds.get(str(settings.get("encoder")), "")
+        for key, value in plugins.files_at_hand(kind, offered_kinds()).items():
+            found[f"encoder_{key}"] = value
     elif record.kind == "encoder":
         found |= plugins.files_at_hand(str(settings.get("kind")), offered_kinds())
     elif record.kind == "evaluation":

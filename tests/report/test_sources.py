@@ -91,12 +91,61 @@ class TestCompare:
         (one,) = Frames(fabric.results, Request(compare=sides)).comparisons.to_dict("records")
         assert (one["a"], one["b"], one["difference"]) == (*sides, 100)
 
+    def test_versions_of_code_without_a_checksum_are_compared_by_their_dates(self, fabric):
+        """Older versions recorded the code in the provenance only."""
+        versions = (
+            (300.0, "2026-11-27", "a", {}),
+            (400.0, "2026-11-28", "b", {}),
+            (600.0, "2026-11-28", "c", {}),
+            (700.0, "2026-11-28", "d", {"sources": "3f2a91" + "0" * 58}),
+        )
+        for level, date, digit, more in versions:
+            for seed in range(3):
+                run = {"engine": "batched", "algo": "mine:Huber", **more}
+                record = fabric.run(np.full(40, level), seed, **run)
+                provenance = {**record.manifest.provenance, "source_sha256": 64 * digit}
+                created = f"{date}T10:00:00.{int(digit, 16)}+00:00"
+                alter_manifest(record, created=created, provenance=provenance)
+
+        assert sorted(Frames(fabric.results, Request()).configurations["words"]) == [
+            "code 3f2a91 of 2026-11-28",
+            "code of 2026-11-27",
+            "code of 2026-11-28 (1)",
+            "code of 2026-11-28 (2)",
+        ]
+        for sides, difference in (
+            (("code of 2026-11-28 (2)", "code of 2026-11-27"), 300),
+            (("code=3f2a91", "algo=mine:Huber, code=2026-11-28 (1)"), 300),
+            (("code of 2026-11-27", "code 3f2a91 of 2026-11-28"), -400),
+        ):
+            (one,) = Frames(fabric.results, Request(compare=sides)).comparisons.to_dict("records")
+            assert (one["a"], one["b"], one["difference"]) == (*sides, difference)
+
     def test_unknown_version_of_code_is_refused_with_those_that_there_are(self, fabric):
         fabric.run(FLAT, engine="batched", algo="mine:Huber", sources="3f2a91" + "0" * 58)
         fabric.run(FLAT)
         printed = r"No run has code=abc; there are 3f2a91\."
         with pytest.raises(RequestError, match=printed):
             Frames(fabric.results, Request(compare=("code=abc", "code=3f2a91")))
+
+    def test_code_without_a_checksum_is_named_beside_code_with_one(self, fabric):
+        for level, more in ((500.0, {}), (600.0, {"sources": "3f2a91" + "0" * 58})):
+            for seed in range(3):
+                run = {"engine": "batched", "algo": "mine:Huber", **more}
+                record = fabric.run(np.full(40, level), seed, **run)
+                digest = str(int(level))
+                provenance = {**record.manifest.provenance, "source_sha256": digest}
+                created = f"2026-11-2{digest[0]}T10:00:00+00:00"
+                alter_manifest(record, created=created, provenance=provenance)
+
+        names = sorted(Frames(fabric.results, Request()).configurations["words"])
+        assert names == ["code 3f2a91 of 2026-11-26", "code of 2026-11-25"]
+        compare = (names[1], names[0])
+        (one,) = Frames(fabric.results, Request(compare=compare)).comparisons.to_dict("records")
+        assert one["difference"] == -100
+        printed = r"No run has code of 2026-11-26; there are code of 2026-11-25\."
+        with pytest.raises(RequestError, match=printed):
+            Frames(fabric.results, Request(compare=("code of 2026-11-26", names[1])))
 
     def test_omitted_setting_is_compared_by_its_default(self, fabric):
         fabric.run(FLAT)

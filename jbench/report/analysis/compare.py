@@ -130,8 +130,13 @@ def across(ours: Configurations, theirs: Configurations, names: Collection[str])
         Pair(first, other)
         for first in ours
         for other in by_settings.get(comparable(first.settings, *names), ())
-        if first.kind == other.kind and (not names or first.settings != other.settings)
+        if first.kind == other.kind and not (names and _is_same(first, other))
     ]
+
+
+def _is_same(first: Configuration, other: Configuration) -> bool:
+    """Returns whether both sides of a comparison have chosen the same runs."""
+    return first.settings == other.settings and not {*first.runs}.isdisjoint(other.runs)
 
 
 def left_out(ours: Configurations, theirs: Configurations, pairs: Sequence[Pair]) -> list[str]:

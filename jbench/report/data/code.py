@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 
 from jbench.report.data.configuration import Configuration
-from jbench.settings.code_words import DATE
+from jbench.settings.code_words import DATE, code_checksums
 from jbench.settings.recorded import comparable, without_code
 from jbench.store.code import Code, changed_files, code_of, have_changed
 
@@ -21,11 +21,12 @@ def recorded_code(provenance: object) -> dict[str, Any]:
     return code_of(values) if isinstance(values, Mapping) else {}
 
 
-def split_by_code(runs: pd.DataFrame, alike: "pd.Series[str]") -> "pd.Series[str]":
-    """Returns a name of the code of each run whose settings do not tell it from others; else "".
+def _dated_code(runs: pd.DataFrame, alike: "pd.Series[str]") -> "pd.Series[str]":
+    """Returns a name of the code of each run by its date, such as `code of 2026-11-28`.
 
-    Older versions did not record the code in the settings, only in the provenance. Runs that lack a
-    checksum are of the first code that does not contradict it.
+    Runs with equal settings may be of different code, since older versions recorded the code only
+    in the provenance. Runs that lack a checksum are of the first code that does not contradict it.
+    The name is "" for runs of whose code, and that of runs like them, nothing is recorded.
 
     Args:
         runs: in any order, with the columns code and created.
@@ -45,14 +46,38 @@ def split_by_code(runs: pd.DataFrame, alike: "pd.Series[str]") -> "pd.Series[str
             else:
                 clusters.append((dict(code), [index]))
 
-        if len(clusters) < 2:
-            continue
         dates = [str(runs.loc[members[0], "created"])[:DATE] for _, members in clusters]
-        for number, (date, (_, members)) in enumerate(zip(dates, clusters, strict=True), 1):
-            more = f", {number}" if dates.count(date) > 1 else ""
+        for position, (_, members) in enumerate(clusters):
+            date = dates[position]
+            number = dates[: position + 1].count(date)
+            more = f" ({number})" if dates.count(date) > 1 else ""
             names[members] = f"code of {date}{more}"
 
     return names
+
+
+def split_by_code(
+    runs: pd.DataFrame, alike: "pd.Series[str]", *, every: bool = False
+) -> "pd.Series[str]":
+    """Returns `_dated_code` of each run whose settings do not tell its code from others; else "".
+
+    They do if they have a checksum of it, or if all runs with these settings are of one code, and
+    there are none that differ in the checksum of their code only.
+
+    Args:
+        runs: in any order, with the columns typed, code and created.
+        alike: a key of their settings.
+        every: whether runs without a checksum have their name also if there is no other code.
+    """
+    names = _dated_code(runs, alike)
+    coded = runs[names != ""]
+    keys = alike[coded.index]
+    has_several = names[coded.index].groupby(keys).transform("nunique") > 1
+    of_any_code = coded["typed"].map(lambda run: comparable(run, "sources"))
+    has_others = keys.groupby(of_any_code).transform("nunique") > 1
+    lacks_checksum = coded["typed"].map(lambda run: not code_checksums(run)).astype(bool)
+    is_named = has_several | (lacks_checksum & (has_others | every))
+    return names.where(is_named.reindex(runs.index, fill_value=False), "")
 
 
 def note_changes(

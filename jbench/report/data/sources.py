@@ -1,31 +1,27 @@
 """Sources of a report: the results, imports, the shipped runs, or two sides of a comparison."""
 
 import json
-import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from jbench.errors import NothingYetError, RequestError
+from jbench.errors import NothingYetError
 from jbench.importing.curves import as_imports, as_runs
 from jbench.importing.dialects import read_curves
-from jbench.names import REFERENCE, closest
+from jbench.names import REFERENCE
 from jbench.report.data.build import build, usable_runs
+from jbench.report.data.chosen import have_settings
 from jbench.report.data.configuration import Configuration, paper_order
 from jbench.report.data.points import PATHS, POINT, run_paths
 from jbench.report.data.source_names import FILE, IMPORTED, OWN
-from jbench.report.request import Request, representations_meant, setting, settings_typed
+from jbench.report.request import Request
 from jbench.returns import EVALUATION
-from jbench.settings.code_words import CODE_LENGTH, CODE_WORDS, encoder_words
-from jbench.settings.recorded import flatten, parse_run
-from jbench.settings.variants import value_text
-from jbench.statistics import BoolArray
+from jbench.settings.code_words import encoder_words
 from jbench.store import Results, schema
 from jbench.store.evaluations import ADDED, with_added_episodes
 from jbench.store.shipped import results_to_read
@@ -179,7 +175,7 @@ def _source(
     tables = {table: known[table].to_pandas(use_threads=False) for table in about}
     runs, unusable = usable_runs(read.tables["runs"])
     if chosen:
-        runs = runs[_have_settings(chosen, runs["settings"])]
+        runs = runs[have_settings(chosen, runs)]
 
     runs, notes = _filtered(runs, request, strict)
     evaluations = with_added_episodes(read.tables["evaluations"], runs, tables)
@@ -212,54 +208,6 @@ def _note_added_episodes(built: Sequence[Configuration], evaluations: pa.Table) 
             which = counted(seeds, "seed")
             note = f"jbench evaluate added {episodes} to the last evaluations of {which}"
             config.notes = (*config.notes, note)
-
-
-def _have_settings(text: str, recorded: pd.Series) -> BoolArray:
-    """Returns which runs have all of the typed settings, by any of the names of each."""
-    flat = []
-    for run in map(parse_run, recorded):
-        values = {path: value_text(value) for path, value in flatten(run).items()}
-        flat.append({(n, v) for path, v in values.items() for n in (path[-1], ".".join(path))})
-
-    have = np.ones(len(flat), bool)
-    for part in settings_typed(text):
-        name, value = setting(part)
-        if not name or not (value or "=" in part):
-            raise RequestError(
-                f"--compare {text}: there is no such directory; type two results directories, or "
-                "settings such as engine=sb3 engine=batched."
-            )
-
-        known = {shown for run in flat for key, shown in run if key == name}
-        if not known:
-            names = sorted({key for run in flat for key, _ in run})
-            # Only settings of the same name in two tables need the name of the table.
-            short = [key for key in names if key.rpartition(".")[2] not in names or "." not in key]
-            close = closest(name, names)
-            others = "there are" if close is None else f"did you mean {close}? There are"
-            raise RequestError(f"No run has a setting {name!r}; {others} {', '.join(short)}.")
-        if name == "representation":
-            wanted = representations_meant(value, known)
-        elif name in CODE_WORDS:
-            wanted = [shown for shown in known if shown.startswith(value)]
-            known = {shown[:CODE_LENGTH] for shown in known if shown != "null"}
-        else:
-            wanted = [shown for shown in known if _equal(value, shown)]
-        if not wanted:
-            raise RequestError(f"No run has {part}; there are {', '.join(sorted(known))}.")
-
-        meant = {(name, shown) for shown in wanted}
-        have &= [not meant.isdisjoint(run) for run in flat]
-
-    return have
-
-
-def _equal(typed: str, value: str) -> bool:
-    """Returns whether a typed text means a value, such as 1e-4 for 0.0001."""
-    try:
-        return math.isclose(float(typed), float(value), rel_tol=1e-5)
-    except ValueError:
-        return typed.replace(" ", "") == value.replace(" ", "")
 
 
 def _filtered(runs: pd.DataFrame, request: Request, strict: bool) -> tuple[pd.DataFrame, list[str]]:

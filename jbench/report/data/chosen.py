@@ -1,0 +1,89 @@
+"""The runs that one side of a comparison chooses by its settings."""
+
+import math
+
+import numpy as np
+import pandas as pd
+
+from jbench.errors import RequestError
+from jbench.names import closest
+from jbench.report.data.code import recorded_code, split_by_code
+from jbench.report.request import OF, representations_meant, setting, settings_typed
+from jbench.settings.code_words import CODE_LENGTH, CODE_WORDS
+from jbench.settings.recorded import comparable, flatten, parse_run
+from jbench.settings.variants import value_text
+from jbench.statistics import BoolArray
+
+
+def have_settings(text: str, runs: pd.DataFrame) -> BoolArray:
+    """Returns which runs have all of the typed settings, by any of the names of each.
+
+    Raises a RequestError if no run has one of them.
+
+    Args:
+        text: settings with commas, as a side of `--compare` has them.
+        runs: with the columns settings and provenance (as JSON) and created.
+    """
+    flat = []
+    for run in map(parse_run, runs["settings"]):
+        values = {path: value_text(value) for path, value in flatten(run).items()}
+        flat.append({(n, v) for path, v in values.items() for n in (path[-1], ".".join(path))})
+
+    have = np.ones(len(flat), bool)
+    for part in settings_typed(text):
+        name, value = setting(part)
+        if not name or not (value or "=" in part):
+            raise RequestError(
+                f"--compare {text}: there is no such directory; type two results directories, or "
+                "settings such as engine=sb3 engine=batched."
+            )
+
+        known = {shown for run in flat for key, shown in run if key == name}
+        if not known:
+            names = sorted({key for run in flat for key, _ in run})
+            # Only settings of the same name in two tables need the name of the table.
+            short = [key for key in names if key.rpartition(".")[2] not in names or "." not in key]
+            close = closest(name, names)
+            others = "there are" if close is None else f"did you mean {close}? There are"
+            raise RequestError(f"No run has a setting {name!r}; {others} {', '.join(short)}.")
+        if name in CODE_WORDS and value.startswith(OF):
+            have &= _have_code(value, runs, part)
+            continue
+
+        if name == "representation":
+            wanted = representations_meant(value, known)
+        elif name in CODE_WORDS:
+            wanted = [shown for shown in known if shown.startswith(value)]
+            known = {shown[:CODE_LENGTH] for shown in known if shown != "null"}
+        else:
+            wanted = [shown for shown in known if _equal(value, shown)]
+        if not wanted:
+            raise RequestError(f"No run has {part}; there are {', '.join(sorted(known))}.")
+
+        meant = {(name, shown) for shown in wanted}
+        have &= [not meant.isdisjoint(run) for run in flat]
+
+    return have
+
+
+def _have_code(date: str, runs: pd.DataFrame, typed: str) -> BoolArray:
+    """Returns which runs are of the code that names call by a date, such as `of 2026-11-28`."""
+    described = runs[["created"]].assign(
+        typed=runs["settings"].map(parse_run), code=runs["provenance"].map(recorded_code)
+    )
+    names = split_by_code(described, described["typed"].map(comparable), every=True)
+    have = (names == f"code {date}").to_numpy(bool)
+    if not have.any():
+        known = sorted({*names} - {""})
+        there = f"there are {', '.join(known)}" if known else "no code of yours is recorded"
+        raise RequestError(f"No run has {typed}; {there}.")
+
+    return have
+
+
+def _equal(typed: str, value: str) -> bool:
+    """Returns whether a typed text means a value, such as 1e-4 for 0.0001."""
+    try:
+        return math.isclose(float(typed), float(value), rel_tol=1e-5)
+    except ValueError:
+        return typed.replace(" ", "") == value.replace(" ", "")

@@ -60,8 +60,24 @@ class UnreadableError(RecordError):
     sort = "foreign"
 
 
+class NoRoomError(WorkError):
+    """The disk is full: nothing more can be written, whatever the record."""
+
+    def __init__(self, name: str, directory: Path) -> None:
+        """Says what can't be written, and what to do."""
+        super().__init__(
+            f"No room left to write {name} in {directory}; what was finished is kept: free some "
+            "space and type the command again."
+        )
+
+
 class NotPlainError(OSError):
     """A path is a symlink, a directory, a pipe or a device; `strerror` says which."""
+
+
+def is_full(error: OSError) -> bool:
+    """Returns whether there is no room for a file: on the disk, in a quota or by a limit."""
+    return error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 def is_missing(error: OSError) -> bool:
@@ -87,6 +103,8 @@ def make_directory(path: Path, option: str | None = None) -> None:
         is_closed = isinstance(error, PermissionError | FileNotFoundError)
         if is_closed or error.errno == errno.EROFS:
             raise RequestError(f"{path} can't be made ({error.strerror}); {instead}.") from None
+        if is_full(error):
+            raise NoRoomError(path.name, path.parent) from None
         raise WorkError(f"The directory {path} can't be made ({error.strerror}).") from None
 
     if not os.access(path, os.W_OK | os.X_OK):
@@ -118,12 +136,8 @@ def write_atomic(path: Path, content: bytes) -> None:
         temporary = None
         _sync_directory(path.parent)
     except OSError as error:
-        if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
-            raise WorkError(
-                f"No room left to write {path.name} in {path.parent}; what was finished is kept: "
-                "free some space and type the command again."
-            ) from None
-
+        if is_full(error):
+            raise NoRoomError(path.name, path.parent) from None
         raise WorkError(f"{path} can't be written ({error.strerror}).") from None
     finally:
         if temporary is not None:

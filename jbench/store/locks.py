@@ -47,6 +47,8 @@ def hold(
     try:
         handle = os.open(path, access | files.PLAIN, 0o644)
     except OSError as error:
+        if files.is_full(error):
+            raise files.NoRoomError(path.name, directory) from None
         raise WorkError(f"{path} can't be opened ({error.strerror}).") from None
 
     try:

@@ -13,6 +13,7 @@ from jbench.errors import RequestError, WorkError
 from jbench.names import POLICY_FILES, in_prose
 from jbench.store import record_files, schema
 from jbench.store.database import Results
+from jbench.store.files import NoRoomError
 from jbench.store.manifest import ID, KINDS, MANIFEST, RecordKind
 from jbench.store.quarantine import Quarantine
 from jbench.store.record import Folder, Record
@@ -39,7 +40,8 @@ def merge(
     What was made of a record that is refused, since another one of its id is there, is refused,
     too: here it would count as made of the other one.
 
-    Raises a RequestError if a source contains no results, or is the destination.
+    Raises a RequestError if a source contains no results, or is the destination, and a NoRoomError
+    if the disk is full, which ends the merge.
     """
     for source in sources:
         root = source.path
@@ -65,6 +67,8 @@ def merge(
             name = f"{folder.kind} {folder.id}"
             try:
                 merged.append(Merged(name, _merged(results, source, folder, quarantine, refused)))
+            except NoRoomError:
+                raise  # no record is at fault, and none of the others has room
             except (WorkError, RequestError) as error:
                 merged.append(Merged(name, "refused", str(error)))
                 # A folder of a stranger may have a name that is not an id.

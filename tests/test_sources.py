@@ -1,11 +1,14 @@
 """Which files are a user's code, and what of them counts."""
 
 import importlib
+import re
 import sys
 
 import pytest
 
+from jbench import syntax
 from jbench.sources import checksum, source_files
+from tests.documentation import ROOT
 
 MODULE = '''
 """A task."""
@@ -141,6 +144,28 @@ def test_files_that_it_writes_or_mujoco_reads_are_left_out(folder, code):
     for name in ("x.json", "x.npy", "x.xml"):
         (folder / name).write_bytes(b"1")
     assert [*read("task")] == ["task.py"]
+
+
+@pytest.mark.parametrize(
+    ("code", "file"),
+    [
+        ("load('x.txt')", "x.txt"),
+        ("load(f'x-{number}.npy')", "x-1.npy"),
+        ("load('x' + '.npy')", "x.npy"),
+        ("FOLDER = HERE / 'data'\nload(FOLDER / 'x.npy')", "data/x.npy"),
+    ],
+)
+def test_documented_data_files_are_not_seen(folder, code, file):
+    write(folder, {"task": code})
+    (folder / "data").mkdir()
+    (folder / file).write_bytes(b"1")
+    assert [*read("task")] == ["task.py"]
+
+
+def test_endings_of_data_files_are_documented():
+    page = (ROOT / "docs" / "changed-code.md").read_text()
+    (text,) = re.findall(r"These endings are seen: (.*?);", page, re.DOTALL)
+    assert set(re.findall(r"`(\..*?)`", text)) == syntax._DATA
 
 
 @pytest.mark.parametrize("name", ["json", "os.path", "jbench.plugins", "no_such_module", "numpy"])

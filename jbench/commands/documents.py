@@ -18,6 +18,9 @@ JsonObject = dict[str, Any]
 """A row of a table; `jbench query "DESCRIBE runs"` and docs/database.md list its columns."""
 
 
+_ACCEPTED = "checksum of the present code of task and encoder, if it is not the recorded one"
+
+
 class Document(BaseModel):
     """What every document has."""
 
@@ -216,6 +219,7 @@ class Render(Document):
 
     path: str
     episode_return: float
+    accepted: str | None = Field(description=_ACCEPTED)
 
 
 class ExportPolicy(Document):
@@ -226,6 +230,7 @@ class ExportPolicy(Document):
     path: str
     bytes: int
     difference: float = Field(description="largest of the model's actions from the policy's")
+    accepted: str | None = Field(description=_ACCEPTED)
 
 
 class ExportDataset(Document):

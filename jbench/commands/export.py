@@ -8,7 +8,7 @@ from typer import Argument, Option
 
 from jbench import names
 from jbench.commands import options, output, parsing
-from jbench.commands.policies import database_and_policy
+from jbench.commands.policies import database_and_policy, mark
 from jbench.errors import RequestError
 from jbench.wording import counted, repair_hint
 
@@ -132,6 +132,7 @@ def _policy(
         if importlib.util.find_spec(package) is None:
             raise RequestError(f"--format onnx needs {package}: type pip install 'jbench[onnx]'.")
 
+    from jbench.policies.code import changed_code
     from jbench.policies.located import locate_run
     from jbench.policies.onnx_export import export_onnx
     from jbench.policies.saved import load_agent
@@ -149,13 +150,15 @@ def _policy(
     path = out or database.path / "onnx" / f"{id}.onnx"
     difference = export_onnx(agent, id, path, in_si_units)
     size = path.stat().st_size
+    accepted = changed_code(database, name) if accept_changed else None
     what = "features in SI units" if in_si_units else "the observation of the environment"
     output.say(
-        f"Exported the policy of {id} for {agent.task}: {size / 1e3:.0f} kB in {path}. Its input "
-        f"is {what}; its actions differ from the policy's by at most {difference:.1g}."
+        f"Exported the policy of {id} for {agent.task}{mark(accepted)}: {size / 1e3:.0f} kB in "
+        f"{path}. Its input is {what}; its actions differ from the policy's by at most "
+        f"{difference:.1g}."
     )
     document = {"run": id, "task": agent.task, "path": path}
-    output.document({**document, "bytes": size, "difference": difference})
+    output.document({**document, "bytes": size, "difference": difference, "accepted": accepted})
 
 
 def _croissant(dataset: str | None, out: Path | None, results: Path) -> None:

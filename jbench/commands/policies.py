@@ -79,8 +79,7 @@ def evaluate(
     returns = record.read("policy_episodes")["episode_return"]
     summary = record.manifest.summary
     words = _returns_in_words(returns.to_numpy(), summary)
-    mark = _mark(settings.accepted)
-    output.say(f"{task}, {policy}: {words}{mark}; saved in {record.path}")
+    output.say(f"{task}, {policy}: {words}{mark(settings.accepted)}; saved in {record.path}")
     output.document(output.described(record))
 
 
@@ -144,8 +143,8 @@ def render(
         last = render_to_file(runner, scene, out, name=policy, steps=steps, progress=progress)
 
     accepted = changed_code(database, policy) if accept_changed_code else None
-    output.say(f"{out}: {last.time:.1f} s, return {whole(last.episode_return)}{_mark(accepted)}")
-    output.document({"path": str(out), "episode_return": last.episode_return})
+    output.say(f"{out}: {last.time:.1f} s, return {whole(last.episode_return)}{mark(accepted)}")
+    output.document({"path": str(out), "episode_return": last.episode_return, "accepted": accepted})
 
 
 def view(
@@ -171,7 +170,7 @@ def view(
     output.say(f"Watched {steps} control steps.")
 
 
-def _mark(accepted: str | None) -> str:
+def mark(accepted: str | None) -> str:
     """Returns what stands beside the results of code that has changed."""
     return "" if accepted is None else ", with changed code"
 

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from jbench import plugins
 from jbench.encoders.load import load_encoder
-from jbench.encoders.registry import code_provenance, kind_names
+from jbench.encoders.registry import kind_names, present_code
 from jbench.encoders.representations import named_encoder, without_options
 from jbench.encoders.settings import EncoderSettings
 from jbench.errors import RequestError, WorkError
@@ -147,14 +147,13 @@ def encoder_code(results: Results, id: str | None) -> dict[str, Any]:
     record = None if id is None else results.find_readable("encoder", id)
     if record is None:
         return {}
-    made = code_provenance(str(record.settings.get("kind")))
-    return {f"encoder_{key}": value for key, value in made.items()}
+    return {f"encoder_{key}": value for key, value in present_code(record).items()}
 
 
 def _changed_files(record: Record) -> list[str]:
     """Returns what has changed of the code of an encoder; [] if nothing, or it is not at hand."""
     try:
-        now = code_provenance(str(record.settings.get("kind")))
+        now = present_code(record)
     except (RequestError, WorkError):
         return []
     return changed_files(record.manifest.provenance, now)

@@ -8,7 +8,7 @@ import numpy as np
 import safetensors.numpy
 from safetensors import SafetensorError
 
-from jbench.encoders.registry import code_provenance, make_kind
+from jbench.encoders.registry import make_kind, present_code
 from jbench.encoders.saved import DESCRIPTION, WEIGHTS, Encoder, SavedEncoder
 from jbench.encoders.scaling import Scaling
 from jbench.errors import RequestError, WorkError
@@ -94,7 +94,7 @@ def _read(record: Record, accept_changed: bool) -> LoadedEncoder:
     # Version 1 did not save options, which affected only the training.
     kind = make_kind(description["kind"], description.get("options", {}))
     if not accept_changed:
-        check_code(record, code_provenance(description["kind"]))
+        check_code(record, present_code(record))
 
     encoder = SavedEncoder(
         kind,

@@ -22,6 +22,8 @@ from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.names import ENCODER_KINDS, OFE, known
 from jbench.settings.base import settings_with
 from jbench.sources import checksum
+from jbench.store import Record
+from jbench.store.code import with_data_read
 
 _WHAT = "kind of encoder"
 
@@ -88,6 +90,12 @@ def make_kind(name: str, options: Mapping[str, Any]) -> Kind:
 def code_provenance(kind: str) -> dict[str, Any]:
     """Returns provenance of the code of a kind; none for those of jbench."""
     return {} if kind in ENCODER_KINDS else plugins.provenance(_WHAT, kind, offered_kinds())
+
+
+def present_code(encoder: Record) -> dict[str, Any]:
+    """Returns provenance of the present code of a recorded encoder's kind; see `with_data_read`."""
+    code = code_provenance(str(encoder.settings.get("kind")))
+    return with_data_read(code, encoder.manifest.provenance)
 
 
 def description(kind: str) -> str:

@@ -207,7 +207,9 @@ def _read(record: Record) -> pd.DataFrame:
     try:
         median = float(record.manifest.summary["median"])
         policy = str(settings["policy"])
-        label = f"{policy} (median return {median:.0f}, {int(settings['episodes'])} episodes)"
+        changed = "" if settings.get("accepted") is None else ", with changed code"
+        episodes = int(settings["episodes"])
+        label = f"{policy} (median return {median:.0f}, {episodes} episodes{changed})"
         columns = {name: states[name].to_numpy() for name in ("motor_velocity", "x", "y")}
         if not (states.num_rows and np.isfinite([*columns.values()]).all()):
             raise ValueError("no states, or states that are not finite")

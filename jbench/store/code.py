@@ -110,7 +110,7 @@ def changed_files(before: Code, now: Code) -> list[str]:
     for key, module in MODULES.items():
         then, here = _files(before.get(key)), _files(now.get(key))
         if then and here:
-            names += sorted(n for n in then.keys() | here.keys() if then.get(n) != here.get(n))
+            names += _different(then, here)
         elif _both(before, now, module) and before[module] != now[module]:
             names.append(next(iter(here), "the module"))
 
@@ -119,6 +119,32 @@ def changed_files(before: Code, now: Code) -> list[str]:
         names.append(ROBOT_NAME)
 
     return names
+
+
+def _different(then: Mapping[str, str], here: Mapping[str, str]) -> list[str]:
+    """Returns the names of files whose checksums differ; of data that are gone, with a word."""
+    names = sorted(n for n in then.keys() | here.keys() if then.get(n) != here.get(n))
+    if any(name.endswith(".py") for name in names):
+        return names  # the code may name other files now
+    return [name if name in here else f"{name} (not found)" for name in names]
+
+
+def with_data_read(now: Code, before: Code) -> dict[str, Any]:
+    """Returns provenance of an encoder's code in which data files that are gone are as recorded.
+
+    The encoder has saved what its kind learned from them.
+
+    Args:
+        now: provenance of the present code.
+        before: the provenance of the encoder's record.
+    """
+    files = _files(now.get("sources"))
+    gone = {
+        name: checksum
+        for name, checksum in _files(before.get("sources")).items()
+        if name not in files and not name.endswith(".py")
+    }
+    return {**now, "sources": {**files, **gone}} if files and gone else dict(now)
 
 
 def is_known(code: Code) -> bool:

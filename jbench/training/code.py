@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 from jbench.agents.find import algorithm_provenance
 from jbench.encoders import encoder_code
-from jbench.encoders.registry import code_provenance
+from jbench.encoders.registry import present_code
 from jbench.settings.records import ExternalSettings
 from jbench.settings.run import RunSettings
 from jbench.sources import checksum
@@ -136,8 +136,7 @@ def _encoder_has_changed(run: RunSettings, results: Results) -> bool:
     record = None if run.encoder is None else results.find_readable("encoder", run.encoder)
     if record is None:
         return False
-    code = code_provenance(str(record.settings.get("kind")))
-    return bool(changed_files(record.manifest.provenance, code))
+    return bool(changed_files(record.manifest.provenance, present_code(record)))
 
 
 def _origin(run: RunSettings, changed: Sequence[Changed]) -> Changed | None:

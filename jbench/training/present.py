@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from jbench import plugins
 from jbench.errors import RequestError, WorkError
 from jbench.store import Record
-from jbench.store.code import MODULES, changed_files, changed_since, code_of
+from jbench.store.code import MODULES, changed_files, changed_since, code_of, with_data_read
 from jbench.store.manifest import RecordKind
 
 _TASKS = {"dataset": "robot", "run": "task", "evaluation": "task"}
@@ -31,18 +31,18 @@ def other_code(records: Sequence[Record]) -> Iterator[OtherCode]:
 
     Those of runs name the code of their encoder, too, if the encoder is among the records.
     """
-    kinds = {r.id: str(r.settings.get("kind")) for r in records if r.kind == "encoder"}
+    encoders = {record.id: record for record in records if record.kind == "encoder"}
     for record in records:
         recorded = code_of(record.manifest.provenance)
         if not recorded:
             continue
-        now = _at_hand(record, kinds)
+        now = _at_hand(record, encoders)
         files = changed_since(record, now)
         missing = any(
             not now.get(key) and not now.get(module) and (recorded.get(key) or recorded.get(module))
             for key, module in MODULES.items()
             # Without its record, the kind of an encoder is not known.
-            if key != "encoder_sources" or str(record.settings.get("encoder")) in kinds
+            if key != "encoder_sources" or str(record.settings.get("encoder")) in encoders
         )
         if not files and not missing:
             files = changed_files(recorded, _robot(record))
@@ -51,16 +51,15 @@ def other_code(records: Sequence[Record]) -> Iterator[OtherCode]:
             yield OtherCode(record.kind, record.id, created, tuple(files))
 
 
-def _at_hand(record: Record, kinds: Mapping[str, str]) -> dict[str, Any]:
+def _at_hand(record: Record, encoders: Mapping[str, Record]) -> dict[str, Any]:
     """Returns the checksums of the present code that a record names, as its provenance has them.
 
     Args:
         record: of any kind.
-        kinds: of encoders by id.
+        encoders: by id.
     """
     # These import torch and MuJoCo, which records without users' code do not need.
     from jbench.agents.find import installed
-    from jbench.encoders.registry import offered_kinds
     from jbench.policies.find import offered_policies
     from jbench.tasks import find
 
@@ -72,15 +71,23 @@ def _at_hand(record: Record, kinds: Mapping[str, str]) -> dict[str, Any]:
 
     if record.kind == "run":
         found |= plugins.files_at_hand(str(settings.get("algo")), installed())
-        kind = kinds.get(str(settings.get("encoder")), "")
-        for key, value in plugins.files_at_hand(kind, offered_kinds()).items():
+        encoder = encoders.get(str(settings.get("encoder")))
+        for key, value in _kind_at_hand(encoder).items() if encoder else ():
             found[f"encoder_{key}"] = value
     elif record.kind == "encoder":
-        found |= plugins.files_at_hand(str(settings.get("kind")), offered_kinds())
+        found |= _kind_at_hand(record)
     elif record.kind == "evaluation":
         found |= plugins.files_at_hand(str(settings.get("policy")), offered_policies())
 
     return found
+
+
+def _kind_at_hand(encoder: Record) -> dict[str, Any]:
+    """Returns the checksums of the present code of a kind, as an encoder's provenance has them."""
+    from jbench.encoders.registry import offered_kinds  # imports torch
+
+    found = plugins.files_at_hand(str(encoder.settings.get("kind")), offered_kinds())
+    return with_data_read(found, encoder.manifest.provenance)
 
 
 def _robot(record: Record) -> dict[str, Any]:

@@ -90,6 +90,19 @@ def check_evaluate(project, edited):
     accepted = project.succeed("evaluate", run, "--episodes", "2", "--accept-changed-code")
     assert "with changed code" in accepted.stdout
     assert project.document("runs", "--returns")["runs"] == returns
+    if project.kind == "task":
+        check_export(project, edited, run)
+
+
+def check_export(project, edited, run):
+    export = ("export", run, "--out", "policy.onnx")
+    done = project.type(*export)
+    assert done.returncode == 2
+    assert re.search(f"{edited} has changed since the run {run} was recorded {DATE}", done.stderr)
+    assert (
+        "robot:Robot, with changed code" in project.succeed(*export, "--accept-changed-code").stdout
+    )
+    assert len(project.document(*export, "--accept-changed-code")["accepted"]) == 8
 
 
 def check_reproduce(project, edited):

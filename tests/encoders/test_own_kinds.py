@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from jbench import sources
 from jbench.encoders import load_encoder
 from jbench.encoders.registry import find_kind, latent_sizes
 from jbench.encoders.settings import encoder_settings
@@ -13,6 +14,7 @@ from jbench.encoders.states import States
 from jbench.encoders.training import train_encoder
 from jbench.errors import RequestError, WorkError
 from jbench.store import Results
+from jbench.store.code import ChangedCodeError
 from jbench.store.tables import read_tables
 from tests.documentation import code_of
 from tests.encoders.encoder_data import observations_of
@@ -87,6 +89,7 @@ def test_trained_module_is_saved_with_its_numbers(mine, trained, results, tmp_pa
     record = made("mine:MyVAE", trained, results, scale="observation")
     assert record.path.parent.name == "my-vae5-observation"
     (tmp_path / "vae.pt").unlink()  # it is not needed any more
+    sources._known.clear()  # as in another process
     encoder = load_encoder(results, record.id).encoder
     seen = observations_of(trained.dataset)[0]
     with torch.no_grad():
@@ -96,6 +99,14 @@ def test_trained_module_is_saved_with_its_numbers(mine, trained, results, tmp_pa
     assert tensors.dtype == torch.float64
     np.testing.assert_allclose(tensors, expected, atol=1e-6)
     assert encoder.encode(seen[0]).shape == (5,)
+
+
+def test_encoder_of_an_edited_file_is_refused(mine, trained, results, tmp_path):
+    record = made("mine:MyVAE", trained, results, scale="observation")
+    (tmp_path / "vae.pt").write_bytes(b"other weights")
+    sources._known.clear()  # as in another process
+    with pytest.raises(ChangedCodeError, match=rf"vae\.pt has changed since .* {record.id}"):
+        load_encoder(results, record.id)
 
 
 @pytest.mark.parametrize(

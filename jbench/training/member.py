@@ -8,6 +8,7 @@ from jbench.errors import WorkError, sentence_of_failure
 from jbench.policies.network import SavedNetwork
 from jbench.settings.run import RunSettings
 from jbench.store import Record
+from jbench.store.files import NoRoomError
 from jbench.training.checkpoints import Checkpoint
 from jbench.training.log import RunLog
 
@@ -34,9 +35,14 @@ class Member:
         return self.failure is None and self.record.status == "unfinished"
 
     def fail(self, error: Exception) -> None:
-        """Records an error that ended the training, as far as its record can be written."""
+        """Records an error that ended the training, as far as its record can be written.
+
+        At a full disk, the run has not failed: with room, the same command goes on.
+        """
         self.failure = error
         with contextlib.suppress(WorkError):
             self.log.commit()
+        if isinstance(error, NoRoomError):
+            return
         with contextlib.suppress(WorkError):
             self.record.fail(sentence_of_failure(error))

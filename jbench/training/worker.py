@@ -61,6 +61,7 @@ def _ended(run: "RunSettings", results: "Results", failure: Exception | None) ->
     """Returns the last event of a run; records a failure that is not recorded yet."""
     from jbench.errors import RequestError, WorkError, sentence_of_failure
     from jbench.store.code import ChangedCodeError
+    from jbench.store.files import NoRoomError
     from jbench.store.locks import HeldError
     from jbench.training.compact import OtherRowsError
     from jbench.training.events import Failed, Finished, Held
@@ -72,7 +73,8 @@ def _ended(run: "RunSettings", results: "Results", failure: Exception | None) ->
     if isinstance(failure, HeldError):
         return Held(run.id)
     reason = sentence_of_failure(failure)
-    if not isinstance(failure, ChangedCodeError | OtherRowsError):  # the run itself has not failed
+    # After these, the run itself has not failed.
+    if not isinstance(failure, ChangedCodeError | NoRoomError | OtherRowsError):
         record_failure(run, results, reason)
     # A sentence of jbench needs no traceback, but that of its cause.
     error = failure.__cause__ if isinstance(failure, RequestError | WorkError) else failure

@@ -102,7 +102,7 @@ class TrainingView(Meters):
         if isinstance(event, Finished):
             self._done[run.id] = run.last_step
         elif isinstance(event, Resumed | EpisodeEnded):
-            self._done[run.id] = min(event.steps, run.last_step)
+            self._done[run.id] = min(event.control_steps, run.last_step)
         if isinstance(event, Resumed):  # the speed is measured from here
             self.reset(self._all)
 

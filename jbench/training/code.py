@@ -156,7 +156,8 @@ def _origin(run: RunSettings, changed: Sequence[Changed]) -> Changed | None:
 
 def _with_accepted_code(run: RunSettings, origin: Record, accepted: str) -> RunSettings:
     """Returns the settings of a run that resumes or continues a record, though its code differs."""
-    return RunSettings(**{**origin.settings, "steps": run.steps, "accepted": accepted})
+    settings = {**origin.settings, "steps": run.steps, "accepted": accepted}
+    return RunSettings(**settings)
 
 
 def _left_alone(origin: Changed) -> str:

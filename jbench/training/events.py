@@ -16,20 +16,20 @@ class Resumed:
 
     Attributes:
         run: its id, as in all events of a run.
-        steps: control steps of the checkpoint from which it resumes; 0 without one.
+        control_steps: of the checkpoint from which it resumes; 0 without one.
         continues: id of the finished run whose checkpoint it is; empty if it is the run's own.
         text: what else there is to say.
     """
 
     run: str
-    steps: int = 0
+    control_steps: int = 0
     continues: str = ""
     text: str = ""
 
     @property
     def sentence(self) -> str:
         """The sentence that says at which control step the run continues."""
-        at = self.steps
+        at = self.control_steps
         if not self.continues:
             how = "was interrupted or failed; it " + ("resumes at" if at else "starts again from")
         elif at:
@@ -42,10 +42,10 @@ class Resumed:
 
 @dataclass(frozen=True)
 class EpisodeEnded:
-    """A training episode ended, after `steps` control steps of its run."""
+    """A training episode ended, after these control steps of its run."""
 
     run: str
-    steps: int
+    control_steps: int
     episode_return: float
 
 

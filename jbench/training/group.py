@@ -110,20 +110,20 @@ class TrainingGroup:
     def _note_cut(self, cut: Ends) -> None:
         """Records the episodes that could not be repeated, and that were truncated."""
         self._note_episodes(cut)
-        steps = self._engine.control_steps
+        control_steps = self._engine.control_steps
         for index, member in self._active():
             if count := int(cut.ended[index].sum()):
-                where = {"control_steps": steps, "episodes": count}
+                where = {"control_steps": control_steps, "episodes": count}
                 member.record.note({"truncated": where})
                 sentence = (
                     f"{counted(count, 'episode')} did not repeat from the seed and the actions so "
-                    f"far: truncated at control step {steps:,}, where it was saved."
+                    f"far: truncated at control step {control_steps:,}, where it was saved."
                 )
-                self._report(Resumed(member.settings.id, steps, text=sentence))
+                self._report(Resumed(member.settings.id, control_steps, text=sentence))
 
     def _note_episodes(self, ends: Ends) -> None:
         """Records the episodes that have just ended."""
-        steps = self._engine.control_steps
+        control_steps = self._engine.control_steps
         self._share_processor_time()
         for index, member in self._active():
             ended = ends.ended[index]
@@ -131,13 +131,15 @@ class TrainingGroup:
                 continue
             returns = ends.returns[index, ended]
             if not np.isfinite(returns).all():
-                self._fail(member, DivergedError(self._engine.updates, steps, "episode_return"))
+                self._fail(
+                    member, DivergedError(self._engine.updates, control_steps, "episode_return")
+                )
                 continue
             losses = self._engine.losses(index)
             lengths = ends.lengths[index, ended].tolist()
             for episode_return, length in zip(returns.tolist(), lengths, strict=True):
-                member.log.episode(steps, episode_return, losses, length)
-                self._report(EpisodeEnded(member.settings.id, steps, episode_return))
+                member.log.episode(control_steps, episode_return, losses, length)
+                self._report(EpisodeEnded(member.settings.id, control_steps, episode_return))
 
     def _evaluate(self) -> None:
         """Evaluates the policies of all active members side by side, and adds the rows to logs."""

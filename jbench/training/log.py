@@ -71,7 +71,7 @@ class RunLog:
 
     def episode(
         self,
-        steps: int,
+        control_steps: int,
         episode_return: float,
         losses: Mapping[str, float],
         length: int,
@@ -87,37 +87,37 @@ class RunLog:
             "length": length,
             **losses,
         }
-        self._add("episodes", steps, row)
+        self._add("episodes", control_steps, row)
         self._advance(episodes=number + 1)
 
     def evaluation(
         self,
-        steps: int,
+        control_steps: int,
         returns: Sequence[float],
         lengths: Sequence[int],
         path: RobotPath | None = None,
     ) -> None:
         """Adds an evaluation, with the path of its first episode; the first and last are kept."""
         number = self.progress.evaluations
-        for episode, (made, length) in enumerate(zip(returns, lengths, strict=True)):
+        for episode, (episode_return, length) in enumerate(zip(returns, lengths, strict=True)):
             row = {
                 "evaluation": number,
                 "episode": episode,
-                "episode_return": made,
+                "episode_return": episode_return,
                 "length": length,
             }
-            self._add("evaluations", steps, row)
+            self._add("evaluations", control_steps, row)
         if path is not None:
-            self._set_latest_path(path, steps)
+            self._set_latest_path(path, control_steps)
 
-        self._advance(evaluations=number + 1, last_evaluation=steps)
+        self._advance(evaluations=number + 1, last_evaluation=control_steps)
 
-    def _set_latest_path(self, path: RobotPath, steps: int) -> None:
+    def _set_latest_path(self, path: RobotPath, control_steps: int) -> None:
         """Replaces the latest path, but not that of the first evaluation."""
         names = {
             "run": self._record.id,
             "evaluation": self.progress.evaluations,
-            "control_steps": steps,
+            "control_steps": control_steps,
             "target_x": path.target.get("x"),
             "target_y": path.target.get("y"),
             "target_yaw": path.target.get("yaw"),

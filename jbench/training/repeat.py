@@ -91,7 +91,7 @@ def reevaluate(results: Results, record: Record, accept_changed: bool = False) -
 def _show_episode(progress: Callable[[int], None], event: Event) -> None:
     """Passes on the control step at which an episode ended."""
     if isinstance(event, EpisodeEnded):
-        progress(event.steps)
+        progress(event.control_steps)
 
 
 def retrain(

@@ -8,7 +8,7 @@ from torch import nn
 
 from jbench.agents import sb3
 from jbench.agents.batched.learner import LOSS_SUMS
-from jbench.agents.batched.make import LEARNERS
+from jbench.agents.batched.make import own_learner
 from jbench.agents.batched.replay import Batch
 from jbench.agents.batched.tensors import Tensors
 from jbench.agents.sb3 import Spaces
@@ -47,7 +47,7 @@ def build_oracle(algo, settings, dtype, monkeypatch, actions=1):
 def build_learner(algo, settings, dtype=torch.float32, action_size=1):
     """Returns the tensors of one seed, and its learner."""
     tensors = Tensors(1, dtype)
-    return tensors, LEARNERS[algo](settings, SIZE, action_size, tensors.select(0))
+    return tensors, own_learner(algo)(settings, SIZE, action_size, tensors.select(0))
 
 
 def linear_layers(module):

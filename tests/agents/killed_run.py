@@ -26,7 +26,7 @@ def stack_seeds(set_attribute=setattr):
 
 def main(path, run, device, after, stacked=True):
     def kill(event):
-        if isinstance(event, EpisodeEnded) and event.steps > after:
+        if isinstance(event, EpisodeEnded) and event.control_steps > after:
             os.kill(os.getpid(), signal.SIGKILL)
 
     shorten_episodes()

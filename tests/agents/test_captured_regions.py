@@ -17,7 +17,7 @@ from torch.utils._pytree import tree_leaves
 from jbench.agents.batched.autograd import AutogradLearner
 from jbench.agents.batched.engine import Group
 from jbench.agents.batched.graphs import Captured
-from jbench.agents.batched.make import LEARNERS, on_features
+from jbench.agents.batched.make import on_features, own_learner
 from jbench.agents.batched.normalize import running_statistics
 from jbench.agents.batched.on_policy import Epochs
 from jbench.agents.batched.ppo import Transitions
@@ -86,7 +86,7 @@ def test_recorded_functions_stay_on_gpu(algo, options):
     changes, ofe = options.get("changes", {}), options.get("ofe")
     if isinstance(algo, str):
         settings = algorithm_settings(algo, options.get("base", "published"), changes)
-        rule = LEARNERS[algo] if ofe is None else on_features(algo, ofe)
+        rule = own_learner(algo) if ofe is None else on_features(algo, ofe)
     else:
         settings = algo.Settings()
         rule = partial(AutogradLearner, rule=make_rule(algo, settings, SIZE))

@@ -208,7 +208,7 @@ def test_run_resumes_on_other_device_and_back(device, tmp_path, monkeypatch):
     def train(device, until):
         def stop(event):
             events.append(event)
-            if isinstance(event, EpisodeEnded) and event.steps > until:
+            if isinstance(event, EpisodeEnded) and event.control_steps > until:
                 raise KeyboardInterrupt
 
         options = {"device": device, "checkpoint_every": 0, "report": stop}

@@ -255,7 +255,7 @@ def test_interrupted_run_without_agent_state_restarts_with_notice(installed, tmp
     run, results = agent_run("without-state"), Results(tmp_path)
 
     def stop(event):
-        if event.steps == 200:
+        if event.control_steps == 200:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -325,7 +325,7 @@ def test_killed_run_of_rule_resumes_bit_for_bit(installed, tmp_path, monkeypatch
         results = Results(tmp_path / name)
         assert run_batch([run], results, report=events.append) == {}
         records.append(results.find("run", run.id))
-    assert [event.steps for event in events if isinstance(event, Resumed)] == [200]
+    assert [event.control_steps for event in events if isinstance(event, Resumed)] == [200]
     assert rows(records[0]) == rows(records[1])
     # 8 episodes, an evaluation of two, and the last evaluation, of as many as the training.
     assert len(rows(records[0])) == 8 + 2 + 8

@@ -106,7 +106,7 @@ def test_line_without_news_is_not_printed_twice(runs, capsys):
 
 def test_resumed_run_begins_at_its_checkpoint_without_a_speed(runs):
     with trained(runs[:1]) as view:
-        view.show(Resumed(runs[0].id, steps=6000))
+        view.show(Resumed(runs[0].id, control_steps=6000))
         assert "face_direction td3 full seed 0 6,000 of 10,000 steps" in shown(view)
 
 

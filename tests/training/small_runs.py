@@ -64,7 +64,7 @@ def resumed(events, runs):
     """Returns seed, control steps and reason of resumed runs, and the id of one they continue."""
     seeds = {run.id: run.seed for run in runs}
     return [
-        (seeds[event.run], event.steps, event.text, *filter(None, [event.continues]))
+        (seeds[event.run], event.control_steps, event.text, *filter(None, [event.continues]))
         for event in events
         if isinstance(event, Resumed)
     ]

@@ -36,7 +36,7 @@ def stop_at(path, runs, steps, **more):
     """Trains runs until one of them passes the given control step."""
 
     def stop(event):
-        if isinstance(event, EpisodeEnded) and event.steps > steps:
+        if isinstance(event, EpisodeEnded) and event.control_steps > steps:
             raise Stopped
 
     with pytest.raises(Stopped):

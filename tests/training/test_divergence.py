@@ -89,7 +89,7 @@ def test_other_runs_of_batch_are_unaffected(tmp_path, engines):
     assert train(tmp_path / "alone", runs[1:]) == ({}, [])
 
     def poison(event):
-        if (event.run, event.steps) == (runs[0].id, 200):
+        if (event.run, event.control_steps) == (runs[0].id, 200):
             engines[-1].tensors.saved["critic1"][0, 0] = math.nan
 
     failures, _ = train(tmp_path / "both", runs, report=poison)
@@ -109,7 +109,7 @@ def test_final_weights_are_checked_before_policy_is_saved(tmp_path, engines):
     run = settings("ddpg", 0, steps=100, evaluate_every=1000)
 
     def poison(event):
-        if event.steps == 100:
+        if event.control_steps == 100:
             engines[-1].tensors.saved["critic_target"][0, 0] = math.inf
 
     failures, _ = train(tmp_path, [run], report=poison)
@@ -143,9 +143,9 @@ def test_later_error_does_not_hide_divergence(tmp_path, engines):
     runs = [settings("ddpg", seed, steps=200, evaluate_episodes=0) for seed in (0, 3)]
 
     def disturb(event):
-        if (event.run, event.steps) == (runs[0].id, 50):
+        if (event.run, event.control_steps) == (runs[0].id, 50):
             engines[-1].tensors.saved["critic"][0, 0] = math.nan
-        if event.steps == 150:
+        if event.control_steps == 150:
             raise ValueError("something else")
 
     failures, _ = train(tmp_path, runs, report=disturb)

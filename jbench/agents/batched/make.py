@@ -2,22 +2,19 @@
 
 from collections.abc import Callable, Iterator
 from functools import partial
+from pkgutil import resolve_name
 from typing import Any
 
 import torch
 from torch import nn
 
 from jbench.agents.batched.autograd import AutogradLearner
-from jbench.agents.batched.ddpg import DDPGLearner
 from jbench.agents.batched.learner import Learner
 from jbench.agents.batched.off_policy import OffPolicyEngine
 from jbench.agents.batched.on_features import OnFeatures
 from jbench.agents.batched.on_policy import OnPolicyEngine
-from jbench.agents.batched.ppo import PPOLearner
 from jbench.agents.batched.replay import Batch
 from jbench.agents.batched.rule import Rule, make_rule, mean_actor, parameter_names
-from jbench.agents.batched.sac import SACLearner
-from jbench.agents.batched.td3 import TD3Learner
 from jbench.agents.batched.tensors import Tensors
 from jbench.agents.engine import CPU
 from jbench.agents.environments import Environments
@@ -25,16 +22,8 @@ from jbench.devices import check_precision
 from jbench.errors import WorkError
 from jbench.names import Precision, TimeLimit
 from jbench.policies.actors import copy_module
-from jbench.settings.algorithms import AlgorithmSettings, OffPolicySettings, PPOSettings
+from jbench.settings.algorithms import SETTINGS, AlgorithmSettings, OffPolicySettings, PPOSettings
 from jbench.settings.records import OFESettings
-
-LEARNERS: dict[str, type[Learner[Any]]] = {
-    "ddpg": DDPGLearner,
-    "ppo": PPOLearner,
-    "sac": SACLearner,
-    "td3": TD3Learner,
-}
-"""jbench's own update rules by name of the algorithm."""
 
 
 def make_engine(
@@ -96,7 +85,13 @@ def _learner(
         assert isinstance(settings, OffPolicySettings)
         rule = checked_rule(algo, settings, environments.size, environments.action_size)
         return partial(AutogradLearner, rule=rule)
-    return LEARNERS[algo] if ofe is None else on_features(algo, ofe)
+    return own_learner(algo) if ofe is None else on_features(algo, ofe)
+
+
+def own_learner(algo: str) -> type[Learner[Any]]:
+    """Returns the update rule of one of jbench's own algorithms."""
+    learner: type[Learner[Any]] = resolve_name(f"jbench.agents.batched.{SETTINGS[algo].learner}")
+    return learner
 
 
 def on_features(algo: str, ofe: OFESettings) -> Callable[..., OnFeatures]:
@@ -104,7 +99,7 @@ def on_features(algo: str, ofe: OFESettings) -> Callable[..., OnFeatures]:
 
     Its class derives from `OnFeatures`, which wraps the methods of the update rule that follows it.
     """
-    return partial(type("OnFeatures", (OnFeatures, LEARNERS[algo]), {}), ofe=ofe)
+    return partial(type("OnFeatures", (OnFeatures, own_learner(algo)), {}), ofe=ofe)
 
 
 def _set_precision(device: torch.device, precision: Precision) -> None:

@@ -54,9 +54,12 @@ class AlgorithmSettings(Algorithm):
     """Settings of jbench's own algorithms, and of rules of other packages.
 
     Attributes:
+        learner: the update rule in `jbench.agents.batched`, as MODULE:CLASS, since its import takes
+            seconds; rules of other packages have no such name.
         bases: sources of hyperparameters, and in what each differs from the published ones.
     """
 
+    learner: ClassVar[str]
     bases: ClassVar[Mapping[Base, Changes]] = {}
     precisions: ClassVar[tuple[Precision, ...]] = ("float32", "tf32", "bfloat16")
     knows_rollouts: ClassVar[bool] = True

@@ -28,6 +28,8 @@ _SCRIPT: Changes = {
 class DDPGSettings(DeterministicSettings):
     """DDPG (Lillicrap et al., 2015)."""
 
+    learner: ClassVar[str] = "ddpg:DDPGLearner"
+
     bases: ClassVar[Mapping[Base, Changes]] = {
         "published": {},
         "script": _SCRIPT,

@@ -21,6 +21,8 @@ _LIBRARY: Changes = {"n_epochs": 10, "clip_range_vf": None}
 class PPOSettings(AlgorithmSettings):
     """PPO with a clipped objective (Schulman et al., 2017)."""
 
+    learner: ClassVar[str] = "ppo:PPOLearner"
+
     # Its likelihood ratios would compare an old policy in float32 with a new one in bfloat16.
     precisions: ClassVar[tuple[Precision, ...]] = ("float32", "tf32")
 

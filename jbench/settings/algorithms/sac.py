@@ -19,6 +19,8 @@ from jbench.settings.base import Count
 class SACSettings(OffPolicySettings):
     """SAC with a learned entropy coefficient (Haarnoja et al., 2018)."""
 
+    learner: ClassVar[str] = "sac:SACLearner"
+
     learns_features: ClassVar[bool] = True
 
     bases: ClassVar[Mapping[Base, Changes]] = {

@@ -19,6 +19,8 @@ from jbench.settings.base import Count
 class TD3Settings(DeterministicSettings):
     """TD3 (Fujimoto et al., 2018)."""
 
+    learner: ClassVar[str] = "td3:TD3Learner"
+
     bases: ClassVar[Mapping[Base, Changes]] = {
         "published": {},
         # The first update is at step 10,000, not one episode later.

@@ -21,6 +21,7 @@ import socket
 import struct
 import subprocess
 import sys
+import threading
 import traceback
 from functools import cache, partial
 from pathlib import Path
@@ -30,7 +31,7 @@ from tests.short_episodes import shorten_episodes
 
 ROOT = Path(__file__).parents[1]
 NUMBER = struct.Struct("i")
-"""Format in which process ids and exit codes are sent."""
+"""Format in which process ids, exit codes and the lengths of requests are sent."""
 
 COMMAND, WORKER = "jbench.cli:main", "jbench.training.worker:main"
 
@@ -54,7 +55,7 @@ class Forked:
         request["environ"] = dict(environ)
         request["cwd"] = str(cwd or Path.cwd())
         self._status, status = os.pipe()
-        socket.send_fds(channel, [json.dumps(request).encode()], [*streams, status])
+        _send_request(channel, request, [*streams, status])
         os.close(status)
         self.returncode = None
         self.pid = self._receive()
@@ -137,7 +138,7 @@ def fork_workers(patch):
 @cache
 def server(episode_steps):
     """Returns the socket of this process's server, which ends with this process."""
-    ours, theirs = _channel()
+    ours, theirs = socket.socketpair()
     command = [sys.executable, "-m", "tests.forking", str(theirs.fileno()), str(episode_steps)]
     environ = {**os.environ, "PYTHONPATH": str(ROOT)}
     subprocess.Popen(command, pass_fds=[theirs.fileno()], cwd=ROOT, env=environ)
@@ -145,7 +146,28 @@ def server(episode_steps):
     return ours
 
 
-_channel = partial(socket.socketpair, socket.AF_UNIX, socket.SOCK_SEQPACKET)
+_sending = threading.Lock()
+
+
+def _send_request(channel, request, descriptors):
+    """Sends a request and descriptors, whole, also where several threads do."""
+    content = json.dumps(request).encode()
+    with _sending:
+        socket.send_fds(channel, [NUMBER.pack(len(content))], descriptors)
+        channel.sendall(content)
+
+
+def _receive_request(channel):
+    """Returns a request and its descriptors; None once the other end is closed."""
+    length, descriptors, *_ = socket.recv_fds(channel, NUMBER.size, 4)
+    if not length:
+        return None
+
+    (size,) = NUMBER.unpack(length)
+    content = bytearray()
+    while len(content) < size:
+        content += channel.recv(size - len(content))
+    return json.loads(content), descriptors
 
 
 def serve(channel):
@@ -165,15 +187,15 @@ def serve(channel):
                     os.read(ended, 4096)
                     _send_codes(children)
                     continue
-                message, descriptors, *_ = socket.recv_fds(channel, 1 << 18, 4)
-                if not message:
+                received = _receive_request(channel)
+                if received is None:
                     return
-                *streams, status = descriptors
+                request, (*streams, status) = received
                 pid = os.fork()
                 if pid == 0:
                     selector.close()
                     others = (channel.detach(), ended, wakeup, status, *children.values())
-                    _run_request(json.loads(message), streams, others)
+                    _run_request(request, streams, others)
                 for handle in streams:
                     os.close(handle)
                 children[pid] = status
@@ -234,7 +256,7 @@ def _call(target, arguments):
         sys.argv = ["jbench", *arguments[0]]
         signal.signal(signal.SIGINT, signal.default_int_handler)
         workers = _forked_workers()
-    if target == WORKER:
+    if target == WORKER and sys.platform == "linux":
         Path("/proc/self/comm").write_text(WORKER_NAME)
     with workers:
         return pkgutil.resolve_name(target)(*arguments)
@@ -249,7 +271,7 @@ def _forked_workers():
     """Starts a server for the workers of this command, before the command starts a thread."""
     from jbench.sweeps import executors
 
-    ours, theirs = _channel()
+    ours, theirs = socket.socketpair()
     pid = os.fork()
     if pid == 0:
         ours.close()

@@ -3,7 +3,10 @@
 import contextlib
 import os
 import signal
+import sys
 from pathlib import Path
+
+import pytest
 
 from jbench.policies.network import WEIGHTS
 from jbench.store import Results, locks
@@ -117,7 +120,9 @@ def rows(runs, path):
 
 
 def workers(process):
-    """Returns the ids of the worker processes below a process."""
+    """Returns the ids of the worker processes below a process; skips the test without /proc."""
+    if sys.platform != "linux":
+        pytest.skip("finds processes in /proc")
     pids = set()
     waiting = [process if isinstance(process, int) else process.pid]
     while waiting:

@@ -3,6 +3,7 @@
 import contextlib
 import shlex
 import sys
+from collections.abc import Sequence
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -102,6 +103,7 @@ def report(
     if watch and (json or curves):
         other = "--json" if json else "--curves"
         raise RequestError(f"--watch and {other} exclude each other; type one of them.")
+
     typed = [word for word in sys.argv[1:] if word not in ("--json", "--watch")]
     request = validated(
         Request,
@@ -117,31 +119,38 @@ def report(
         command=shlex.join(["jbench", *typed]),
         **chosen,
     )
+
     name = "comparison" if compare else "report"
     # The shipped results are read-only.
     there = Path(f"reference-{name}") if names.is_reference(results) else database.inside(name)
     out = out or (Path(f"{curves.resolve().stem}-report") if curves is not None else there)
-
-    if not watch:
+    if watch:
+        _watch(database, [database.path, *sides], out, request)
+    else:
         _report(database, out, request)
-        return
 
-    def write(request: Request) -> None:
-        try:
-            _report(database, out, request)
-        except NothingYetError as error:
-            output.say(f"Nothing to report yet: {error}")
-        except WorkError as error:
-            output.warn(str(error))
 
+def _watch(database: "Results", read: Sequence[Path], out: Path, request: Request) -> None:
+    """Writes the page whenever what is read changes, until Ctrl-C, and then the whole report."""
     output.say("Watching; Ctrl-C ends it.")
     opened = False
     with contextlib.suppress(KeyboardInterrupt):
-        for _ in changes([database.path, *sides]):
-            write(request)
+        for _ in changes(read):
+            _report_if_possible(database, out, request)
             opened = opened or open_page(out / "index.html")
+
     output.say("No longer watching; writing the last report with all its files.")
-    write(request.model_copy(update={"watched": False}))
+    _report_if_possible(database, out, request.model_copy(update={"watched": False}))
+
+
+def _report_if_possible(database: "Results", out: Path, request: Request) -> None:
+    """Writes a report; prints why not if there are no runs yet, or some can't be read."""
+    try:
+        _report(database, out, request)
+    except NothingYetError as error:
+        output.say(f"Nothing to report yet: {error}")
+    except WorkError as error:
+        output.warn(str(error))
 
 
 def _report(database: "Results", out: Path, request: Request) -> None:
@@ -155,13 +164,15 @@ def _report(database: "Results", out: Path, request: Request) -> None:
     written = write_report(None if request.curves else database, out, request)
     frames = written.frames
     asked = {"comparisons", "claims"}
-    asked |= set() if request.compare else {"final_returns", "verdicts"}
-    for table in (table for table in tables(frames) if table.name in asked):
-        if table.name != "verdicts" or request.claims:
+    if not request.compare:
+        asked.update(["final_returns", "verdicts"])
+
+    for table in tables(frames):
+        if table.name == "verdicts" and table.name in asked and not request.claims:
+            for matrix in verdict_matrices(frames):
+                _print_verdicts(table.title, matrix)
+        elif table.name in asked:
             output.frame(table.title, table.texts(), table.spare)
-            continue
-        for matrix in verdict_matrices(frames):
-            _print_verdicts(table.title, matrix)
 
     for note in written.notes:
         output.say(f"Note: {note}")

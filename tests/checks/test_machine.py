@@ -1,5 +1,7 @@
 """Tests of `jbench doctor`."""
 
+import sys
+
 import pytest
 
 from jbench.checks import machine
@@ -45,6 +47,7 @@ def test_what_fails_is_named_and_ends_with_code_1(run_command, monkeypatch, tmp_
     assert error == "Error: 1 check is not passed: dependencies; see above.\n"
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="/proc is a directory of Linux")
 def test_directory_that_cannot_be_written_fails():
     line = lines("/proc/results")["results"]
     assert line == Checked(

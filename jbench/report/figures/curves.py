@@ -64,7 +64,7 @@ def augmented_sequences(frames: Frames) -> Chart:
     rows = rows.assign(series=rows["algo"] + " " + rows["representation"])
     theirs = rows["source"] == PUBLISHED
     looks = style.looks(rows[~theirs], "series", "algo")
-    panels = by_task(rows[~theirs], partial(draw_curves, looks=looks, published=rows[theirs]))
+    panels = by_task(rows[~theirs], partial(_draw_curves, looks=looks, published=rows[theirs]))
     note = "training returns: median and 10 to 90% of seeds; dotted: the paper's"
     return Chart("sequences", "Augmented robots in sequence", note, panels, looks)
 
@@ -81,7 +81,7 @@ def by_processor_time(frames: Frames) -> Chart | None:
     looks = style.looks(rows, "series", "kind")
     x = f"{unit} of processor time of a seed"
     scale = "linear" if longest / size < 100 else "log"
-    panels = by_task(rows, partial(draw_curves, looks=looks, x=x, scale=scale), (5.2, 2.8))
+    panels = by_task(rows, partial(_draw_curves, looks=looks, x=x, scale=scale), (5.2, 2.8))
     note = "median over seeds, where all runs recorded their processor time"
     return Chart("processor", "Return against processor time", note, panels, looks)
 
@@ -120,7 +120,7 @@ def _chart(
     for key, rows in groups:
         old = _beside(published, rows, name)
         sources.update(old["source"])
-        draw = partial(draw_curves, looks=looks, published=old, frames=frames)
+        draw = partial(_draw_curves, looks=looks, published=old, frames=frames)
         versions: dict[str, Draw] = {}
         shown = [kind for kind in kinds if (rows["returns"] == kind).any()]
         for kind in shown:
@@ -180,7 +180,7 @@ def _beside(published: pd.DataFrame, rows: pd.DataFrame, name: str) -> pd.DataFr
     return old[old["steps"] <= end]
 
 
-def draw_curves(
+def _draw_curves(
     rows: pd.DataFrame,
     axes: Axes,
     *,
@@ -189,7 +189,6 @@ def draw_curves(
     frames: Frames | None = None,
     scale: str = "linear",
     x: str = "control steps",
-    y: str = "return",
 ) -> None:
     """Draws the curves of a panel, of one kind of return; frames have a column `series`.
 
@@ -220,7 +219,7 @@ def draw_curves(
     policies = frames.baselines if frames else None
     levels = () if policies is None else policies["median"][policies["task"].isin(rows["task"])]
     marks.set_axes(axes, rows, scale, [*levels])
-    axes.set(xlabel=x, ylabel=y)
+    axes.set(xlabel=x, ylabel="return")
     marks.add_levels(axes, rows, policies)
 
 

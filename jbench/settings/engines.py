@@ -18,6 +18,7 @@ class EngineFacts:
             episode; otherwise each has its own, and its episodes are stepped together.
         copies_round_alike: whether the kept policy acts as the agent that was evaluated, bit for
             bit, if the same code computes both.
+        has_checkpoints: whether its runs can be resumed and continued, if the agent can.
     """
 
     takes_many_seeds: bool = False
@@ -26,13 +27,14 @@ class EngineFacts:
     is_for_gpu: bool = False
     has_one_stream: bool = False
     copies_round_alike: bool = True
+    has_checkpoints: bool = True
 
 
 ENGINES: dict[str, EngineFacts] = {
     "batched": EngineFacts(
         takes_many_seeds=True, has_options=True, has_replay_buffers=True, is_for_gpu=True
     ),
-    "sb3": EngineFacts(has_one_stream=True),
+    "sb3": EngineFacts(has_one_stream=True, has_checkpoints=False),
     # An agent computes its actions by its own code.
     "plugin": EngineFacts(is_for_gpu=True, copies_round_alike=False),
     EXTERNAL: EngineFacts(),

@@ -15,6 +15,7 @@ from jbench.agents.find import find_class
 from jbench.agents.plugin import Agent, is_resumable
 from jbench.errors import RequestError, WorkError
 from jbench.names import EVALUATION_EPISODES, KeepState, evaluation_interval
+from jbench.settings.engines import ENGINES
 from jbench.settings.recorded import read_run
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
@@ -265,7 +266,7 @@ def obstacle(run: RunSettings, finished: bool = True) -> str | None:
     """Returns why a finished run can't be continued, or another one resumed; None if it can."""
     if finished and run.robots > 1:
         return "the steps of each robot in a sequence depend on the total"
-    if run.engine == "sb3":
+    if not ENGINES[run.engine].has_checkpoints:
         return "stable-baselines3 has no checkpoints here"
     if run.engine != "plugin":
         return None

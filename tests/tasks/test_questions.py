@@ -1,4 +1,7 @@
-"""Which robot it is, only tasks and settings ask; everything else asks the task."""
+"""Which robot it is, only tasks and settings ask, and which engine, the choice of a trainer.
+
+Everything else asks the task, or the facts of the engine.
+"""
 
 import ast
 from pathlib import Path
@@ -11,6 +14,13 @@ KNOW_THE_JITTERBUG = {
     "checks/machine.py",  # measures a physics step of it
     "datasets/jitterbug.py",
     "encoders/kinds/planar.py",  # its mechanics are known to these encoders
+}
+
+MAKE_AN_AGENT = {
+    "studies/arms.py",  # finds recorded runs without torch
+    "training/engines.py",
+    "training/request.py",  # tries the settings of a class of stable-baselines3
+    "training/status.py",  # asks the class of an agent whether it can be resumed
 }
 
 
@@ -68,6 +78,23 @@ def test_few_files_know_the_jitterbug():
         and "jbench.tasks.jitterbug" in imported(path.read_text())
     }
     assert found == KNOW_THE_JITTERBUG
+
+
+def asks_for_engine(node):
+    """Returns whether a comparison is such as `run.engine == "sb3"`."""
+    if not isinstance(node, ast.Compare) or last_name(node.left) != "engine":
+        return False
+    return isinstance(getattr(node.comparators[0], "value", None), str)
+
+
+def test_few_files_ask_which_engine_it_is():
+    found = {
+        name
+        for path in JBENCH.rglob("*.py")
+        if not (name := str(path.relative_to(JBENCH))).startswith("settings/")
+        and any(map(asks_for_engine, ast.walk(ast.parse(path.read_text()))))
+    }
+    assert found == MAKE_AN_AGENT
 
 
 def imported(source):

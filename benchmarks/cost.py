@@ -18,7 +18,8 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple, get_args
 
-from jbench.names import ONE_THREAD, Base
+from jbench.cores import ONE_THREAD
+from jbench.names import Base
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.run import RunSettings
 from jbench.sweeps.batches import batches

@@ -38,7 +38,7 @@ from pathlib import Path
 from statistics import fmean, median
 from typing import Any, NamedTuple
 
-from jbench.names import ONE_THREAD
+from jbench.cores import ONE_THREAD
 from jbench.report.numbers import whole
 
 HERE = Path(__file__).parent

@@ -1,10 +1,13 @@
-"""The cores that this process may use, and torch's threads."""
+"""The cores that this process may use, and the threads of libraries."""
 
 import math
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+"""Environment of a process that trains: with more threads, sums are rounded differently."""
 
 
 def cores() -> int:

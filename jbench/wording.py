@@ -1,9 +1,6 @@
-"""Wording that messages, tables, figures and JSON documents share."""
+"""Wording that messages, tables and figures share."""
 
-import json
-import math
 import shlex
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -29,25 +26,6 @@ def not_formula(value: Any) -> Any:
     except ValueError:
         return f"'{value}"
     return value
-
-
-def json_text(value: Any) -> str:
-    """Returns indented JSON with lists for arrays, null for NaN, and texts for other types."""
-    return json.dumps(_plain(value), indent=1, allow_nan=False)
-
-
-def _plain(value: Any) -> Any:
-    """Returns a value as JSON has it; numbers that are not finite are null."""
-    if hasattr(value, "tolist"):
-        value = value.tolist()
-    if isinstance(value, Mapping):
-        return {str(name): _plain(item) for name, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-
-    return value if value is None or isinstance(value, str | int) else str(value)
 
 
 def counted(count: int, noun: str, plural: str = "") -> str:

@@ -7,7 +7,7 @@ import os
 import pytest
 from hypothesis import settings
 
-from jbench.names import ONE_THREAD
+from jbench.cores import ONE_THREAD
 from jbench.opengl import OFF
 from jbench.task_specs import EPISODE_STEPS
 

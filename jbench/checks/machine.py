@@ -16,9 +16,9 @@ import torch
 from packaging.requirements import Requirement
 
 from jbench.checks.checked import Checked
-from jbench.cores import cores
+from jbench.cores import ONE_THREAD, cores
 from jbench.errors import WorkError
-from jbench.names import ONE_THREAD, SHIPPED_RESULTS
+from jbench.names import SHIPPED_RESULTS
 from jbench.opengl import BACKENDS, draws, has_display
 from jbench.revision import git_revision
 from jbench.store import Results, files, locks

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 from typer import Argument, Option
 
-from jbench import names
 from jbench.commands import options, output, parsing
+from jbench.cores import ONE_THREAD
 from jbench.errors import RequestError, WorkError
 from jbench.wording import counted, with_results
 
@@ -34,7 +34,7 @@ def verify(
     Files that no manifest lists are reported as well.
     """
     if reevaluate:
-        os.environ.update(names.ONE_THREAD)  # as in training, before libraries are imported
+        os.environ.update(ONE_THREAD)  # as in training, before libraries are imported
 
     from jbench.store.shipped import LEFT_OUT
     from jbench.store.verify import verify as check
@@ -171,7 +171,7 @@ def reproduce(
 
     The parts are its last evaluation and its first training episodes.
     """
-    os.environ.update(names.ONE_THREAD)  # as in training, before libraries are imported
+    os.environ.update(ONE_THREAD)  # as in training, before libraries are imported
     from jbench.policies.located import SHIPPED
     from jbench.settings.recorded import recorded_episode_steps
     from jbench.store.code import have_changed

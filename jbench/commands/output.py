@@ -1,15 +1,17 @@
 """The terminal: text, tables and progress for people, or one JSON document for a program."""
 
 import io
+import json
+import math
 import os
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TextIO
 
 from jbench.errors import RequestError, WorkError
-from jbench.wording import are, counted, json_text
+from jbench.wording import are, counted
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -154,6 +156,25 @@ def document(content: dict[str, Any]) -> None:
     """Prints the JSON document if `--json` was typed; see `documents.py` and `json_text`."""
     if is_json:
         raw(f"{json_text({'version': DOCUMENT_VERSION, **content})}\n")
+
+
+def json_text(value: Any) -> str:
+    """Returns indented JSON with lists for arrays, null for NaN, and texts for other types."""
+    return json.dumps(_plain(value), indent=1, allow_nan=False)
+
+
+def _plain(value: Any) -> Any:
+    """Returns a value as JSON has it; numbers that are not finite are null."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {str(name): _plain(item) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+
+    return value if value is None or isinstance(value, str | int) else str(value)
 
 
 @_writing()

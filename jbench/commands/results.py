@@ -10,7 +10,7 @@ from jbench.commands import options, output, parsing
 from jbench.errors import RequestError, WorkError
 from jbench.importing.request import ImportRequest
 from jbench.settings.base import validated
-from jbench.wording import are, counted, json_text, repair_hint, with_results
+from jbench.wording import are, counted, repair_hint, with_results
 
 _SHOWN = 100  # rows of a query in a table for people
 _LONGEST = 80  # characters of a cell of it with JSON
@@ -38,7 +38,7 @@ def query(
     database = parsing.results_to_read(results) if needs_results else Results(results)
     answer, problems, notes = query_results(database, sql)
     if json:
-        output.raw(f"{json_text(records(answer))}\n")
+        output.raw(f"{output.json_text(records(answer))}\n")
     elif as_csv:
         output.raw(to_csv(answer))
     else:

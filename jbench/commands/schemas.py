@@ -4,7 +4,6 @@ from typer import Argument
 
 from jbench import names
 from jbench.commands import options, output
-from jbench.wording import json_text
 
 
 def schema(
@@ -21,7 +20,7 @@ def schema(
 
     if name is not None:
         known = names.known("schema", name, [*DOCUMENTS, *FILES])
-        output.raw(f"{json_text(schema_of(known))}\n")
+        output.raw(f"{output.json_text(schema_of(known))}\n")
         return
     if json:
         output.document({"schemas": {each: schema_of(each) for each in (*DOCUMENTS, *FILES)}})

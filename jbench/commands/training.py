@@ -10,8 +10,9 @@ from jbench.commands import output
 from jbench.commands.training_view import TrainingView
 from jbench.errors import ElsewhereError, WorkError
 from jbench.loggers.logger import copying_rows, make_logger
-from jbench.names import EVALUATION_EPISODES, KeepState
+from jbench.names import KeepState
 from jbench.report.numbers import whole
+from jbench.settings.evaluations import EVALUATION_EPISODES
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.store.evaluations import added_returns, last_evaluation_episodes

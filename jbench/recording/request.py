@@ -17,6 +17,7 @@ from jbench.loggers.logger import make_logger
 from jbench.names import NO_ENCODER, OFE, LoggerName, TimeLimit, kind_in, known
 from jbench.recording.recorder import Recording
 from jbench.settings.base import validated
+from jbench.settings.evaluations import evaluation_interval
 from jbench.settings.records import ExternalSettings, episode_steps
 from jbench.store import Results, files
 from jbench.store.planned import planned, say_changed
@@ -157,7 +158,7 @@ def _evaluation_interval(steps: int, length: int) -> int:
         raise RequestError(
             f"No episode would end in {steps} control steps: steps must be {length} or more."
         )
-    return names.evaluation_interval(steps, length)
+    return evaluation_interval(steps, length)
 
 
 def _plain_hyperparameters(values: Mapping[str, Any], seed: int, steps: int) -> dict[str, Any]:

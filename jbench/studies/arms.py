@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Any
 
 from jbench.errors import RequestError
-from jbench.names import FULL, Base, evaluations, shown_representation
+from jbench.names import FULL, Base, shown_representation
 from jbench.settings.algorithms import (
     SETTINGS,
     algorithm_settings,
@@ -14,6 +14,7 @@ from jbench.settings.algorithms import (
     default_time_limit,
 )
 from jbench.settings.base import canonical_json, in_id, validated
+from jbench.settings.evaluations import evaluation_schedule
 from jbench.settings.recorded import Run, comparable
 from jbench.settings.records import Specs, episode_steps, requested_ofe
 from jbench.settings.run import RunSettings
@@ -65,7 +66,7 @@ class Arm:
         """
         typed = self.part.run_fields
         specs = _specs(self.task)
-        every, episodes = evaluations(
+        every, episodes = evaluation_schedule(
             typed["steps"],
             episode_steps(specs),
             typed["evaluate_every"],

@@ -17,9 +17,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from jbench.cores import cores
+from jbench.cores import ONE_THREAD, cores
 from jbench.errors import RequestError, WorkError
-from jbench.names import ONE_THREAD
 from jbench.settings.engines import ENGINES
 from jbench.settings.run import RunSettings
 from jbench.store import Results, locks, schema

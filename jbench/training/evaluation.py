@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from jbench.encoders import Encoder, load_encoder
 from jbench.encoders.wrapper import EncodedObservation
-from jbench.names import has_short_evaluations
 from jbench.registration import environment_id
 from jbench.settings.engines import ENGINES
+from jbench.settings.evaluations import has_short_evaluations
 from jbench.settings.records import ExternalSettings
 from jbench.settings.run import RunSettings
 from jbench.store import Results

@@ -13,6 +13,7 @@ from jbench.names import OFE
 from jbench.settings.algorithms import Algorithm, default_time_limit
 from jbench.settings.base import validated
 from jbench.settings.engines import ENGINES
+from jbench.settings.evaluations import evaluation_schedule
 from jbench.settings.records import episode_steps, requested_ofe
 from jbench.settings.run import RunSettings
 from jbench.store import Results
@@ -91,7 +92,7 @@ def make_runs(
     environments can't share the updates, or a class of stable-baselines3's interface refuses its
     settings.
     """
-    fields["evaluate_every"], fields["evaluate_episodes"] = names.evaluations(
+    fields["evaluate_every"], fields["evaluate_episodes"] = evaluation_schedule(
         fields["steps"],
         episode_steps(fields["specs"]),
         fields.get("evaluate_every"),

@@ -14,8 +14,9 @@ from typing import Literal, NamedTuple
 from jbench.agents.find import find_class
 from jbench.agents.plugin import Agent, is_resumable
 from jbench.errors import RequestError, WorkError
-from jbench.names import EVALUATION_EPISODES, KeepState, evaluation_interval
+from jbench.names import KeepState
 from jbench.settings.engines import ENGINES
+from jbench.settings.evaluations import EVALUATION_EPISODES, evaluation_interval
 from jbench.settings.recorded import read_run
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results

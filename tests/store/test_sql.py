@@ -6,9 +6,9 @@ import duckdb
 import pyarrow as pa
 import pytest
 
+from jbench.commands.output import json_text
 from jbench.errors import RequestError
 from jbench.store.query import records, run_sql, to_csv
-from jbench.wording import json_text
 
 TABLES = {"runs": pa.table({"run": ["a", "b"], "score": [1.5, None]})}
 OUTSIDE = pa.table({"password": ["hunter2"]})  # DuckDB would find it by its Python name

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import torch
 
-from jbench import names
 from jbench.errors import RequestError
 from jbench.policies.network import WEIGHTS
 from jbench.policies.saved import load_agent
+from jbench.settings.evaluations import evaluation_schedule
 from jbench.store import Results
 from jbench.store.locks import HeldError
 from jbench.training import batched_run, engines, evaluation
@@ -300,16 +300,16 @@ def test_default_of_last_evaluation_is_at_most_its_training_episodes(
 
 def test_evaluations_that_nobody_typed_take_no_longer_than_the_training():
     for trained in range(1, 400):
-        every, each = names.evaluations(trained * EPISODE, EPISODE)
+        every, each = evaluation_schedule(trained * EPISODE, EPISODE)
         run = settings(steps=trained * EPISODE, evaluate_every=every, evaluate_episodes=each)
         last = evaluation.final_evaluation_episodes(run, None)
         earlier = max(run.steps // every, 1) - 1
         assert last >= each >= 1
         assert earlier * each + last <= trained
     # Long runs and typed numbers stay as they were.
-    assert names.evaluations(200_000, 1000) == (20_000, 10)
-    assert names.evaluations(5_000_000, 1000) == (50_000, 10)
-    assert names.evaluations(5000, 1000, episodes=10) == (1000, 10)
-    assert names.evaluations(5000, 1000, every=1000) == (1000, 10)
+    assert evaluation_schedule(200_000, 1000) == (20_000, 10)
+    assert evaluation_schedule(5_000_000, 1000) == (50_000, 10)
+    assert evaluation_schedule(5000, 1000, episodes=10) == (1000, 10)
+    assert evaluation_schedule(5000, 1000, every=1000) == (1000, 10)
     # A run of 5,000 control steps has one evaluation of one episode, and a last one of two.
-    assert names.evaluations(5000, 1000) == (2000, 1)
+    assert evaluation_schedule(5000, 1000) == (2000, 1)

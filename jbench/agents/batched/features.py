@@ -9,10 +9,11 @@ from collections.abc import Sequence
 import torch
 from torch import Generator, Tensor
 
+from jbench.agents.batched.adam import Adam
 from jbench.agents.batched.layers import Affine, Layer, affine_count, affine_views
 from jbench.agents.batched.learner import initialize_uniform
 from jbench.agents.batched.replay import Batch
-from jbench.agents.batched.tensors import Adam, Tensors
+from jbench.agents.batched.tensors import Tensors
 from jbench.policies.layers import (
     MAX_INPUT,
     Divide,

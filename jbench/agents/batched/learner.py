@@ -9,10 +9,11 @@ import torch
 from numpy.typing import NDArray
 from torch import Generator, Tensor
 
+from jbench.agents.batched.adam import Adam
 from jbench.agents.batched.layers import Affine
 from jbench.agents.batched.network import Layout, Network
 from jbench.agents.batched.replay import Batch
-from jbench.agents.batched.tensors import Adam, Tensors
+from jbench.agents.batched.tensors import Tensors
 from jbench.policies.layers import Linear, SavedLayer, relu_layers
 from jbench.policies.network import SavedNetwork
 from jbench.settings.algorithms import AlgorithmSettings, Initialization, OffPolicySettings

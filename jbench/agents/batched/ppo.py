@@ -5,9 +5,10 @@ import math
 import torch
 from torch import Generator, Tensor
 
+from jbench.agents.batched.adam import Adam
 from jbench.agents.batched.learner import Learner, sum_over_actions
 from jbench.agents.batched.network import Layout, Network
-from jbench.agents.batched.tensors import Adam, aligned
+from jbench.agents.batched.tensors import aligned
 from jbench.settings.algorithms import PPOSettings
 
 _LOG_2_PI = math.log(2 * math.pi)

@@ -5,10 +5,10 @@ import math
 import torch
 from torch import Generator, Tensor
 
+from jbench.agents.batched.adam import Adam
 from jbench.agents.batched.learner import OffPolicyLearner, sum_over_actions
 from jbench.agents.batched.network import Layout
 from jbench.agents.batched.replay import Batch
-from jbench.agents.batched.tensors import Adam
 from jbench.settings.algorithms import SACSettings
 
 # Bounds of log sigma(s), as in the authors' code.

@@ -18,7 +18,7 @@ _VERBS = {
     verb.name: verb
     for verb in (
         Verb("demo --results demo-results", "demo:demo", "Experiment"),
-        Verb("collect --steps 100k", "catalog:collect", "Experiment"),
+        Verb("collect --steps 100k", "collect:collect", "Experiment"),
         Verb(
             "train-dae --task face_direction --latent 12",
             "encoders:train_encoder",

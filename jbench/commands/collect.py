@@ -1,0 +1,65 @@
+"""The command collect: a dataset of random actions."""
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from jbench.commands import options, output, parsing
+from jbench.commands.kept import kept_steps
+from jbench.settings.records import DatasetSettings
+from jbench.wording import with_results
+
+
+@options.with_settings(DatasetSettings, "steps", "seed", "augment")
+def collect(
+    task: str | None = options.some_task(
+        None, help="Task of another robot (default: the Jitterbug, for its five tasks)."
+    ),
+    threads: int = options.THREADS,
+    results: Path = options.RESULTS,
+    json: bool = options.JSON,
+    **chosen: Any,
+) -> None:
+    """Collect a dataset of random actions, of the Jitterbug or another robot."""
+    from jbench.datasets import collect as collect_dataset
+    from jbench.datasets import plan_dataset
+    from jbench.settings.base import validated
+    from jbench.store.planned import sentences
+    from jbench.tasks.find import checked_task, dataset_robot, find_task
+
+    database = parsing.results_to_write(results)
+    robot = {} if task is None else dataset_robot(find_task(task))
+    settings = validated(DatasetSettings, "the dataset", **robot, **chosen)
+    plan = plan_dataset(settings, database)
+    settings = plan.settings
+    before = database.find("dataset", settings.id)
+    is_finished = before is not None and before.is_finished
+    for sentence in sentences(plan.changed) if before is None else ():
+        output.say(sentence)
+
+    if before is None and robot:
+        output.note_task(checked_task(settings.robot))
+    elif is_finished:
+        output.say(f"The dataset {settings.id} is already finished; nothing to do.")
+
+    output.if_stopped(partial(kept_steps, settings, database))
+    left = 0 if is_finished else settings.steps
+    with output.progress("collect", left, "control steps") as progress:
+        record = collect_dataset(settings, database, threads, progress)
+
+    option = _encoder_options(settings.robot) if robot else ""
+    tasks = "" if robot else ", for all five tasks"
+    output.say(
+        f"Dataset {record.id}: {settings.steps:,} control steps, {record.size / 1e6:.1f} MB, in "
+        f"{record.path}{tasks}. Next: {with_results(f'jbench train-dae{option}', results)}"
+    )
+    output.document(output.described(record, bytes=record.size))
+
+
+def _encoder_options(robot: str) -> str:
+    """Returns options of train-dae for a robot, with fewer latents than it observes numbers."""
+    from jbench.tasks.find import find_task
+
+    size = find_task(robot).observation_size
+    latent = f" --latent {max(1, size // 2)}" if size <= options.LATENTS else ""
+    return f" --task {robot}{latent}"

@@ -189,6 +189,7 @@ def _draw_curves(
     frames: Frames | None = None,
     scale: str = "linear",
     x: str = "control steps",
+    y: str = "return",
 ) -> None:
     """Draws the curves of a panel, of one kind of return; frames have a column `series`.
 
@@ -219,7 +220,7 @@ def _draw_curves(
     policies = frames.baselines if frames else None
     levels = () if policies is None else policies["median"][policies["task"].isin(rows["task"])]
     marks.set_axes(axes, rows, scale, [*levels])
-    axes.set(xlabel=x, ylabel="return")
+    axes.set(xlabel=x, ylabel=y)
     marks.add_levels(axes, rows, policies)
 
 

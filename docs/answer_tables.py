@@ -128,6 +128,7 @@ FIGURE_7 = (
 
 STANDARDIZED = (
     Agents("16 numbers (`raw`), standardized", TASKS[0], "raw16", "figure8", True),
+    Agents("16 numbers (`full`), standardized", TASKS[0], "full", "figure8", True),
     Agents("16 numbers (`full`) as they are", TASKS[0], "full", "figure8", False),
     Agents("12 latents, standardized", TASKS[0], "dae12-script", "figure8", True),
     Agents("12 latents as they are", TASKS[0], "dae12-script", "figure8", False),

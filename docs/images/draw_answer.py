@@ -51,7 +51,14 @@ DRAWINGS = (
     ),
     Drawing("answer-td3", columns=2),
     Drawing("answer-harder", task="move_in_direction", columns=2),
-    Drawing("answer-authors", algo="ddpg", columns=2, settings="figure8", normalize=("running",)),
+    Drawing(
+        "answer-authors",
+        algo="ddpg",
+        columns=2,
+        settings="figure8",
+        normalize=("running",),
+        representations=("raw16", "dae12-script"),
+    ),
     Drawing("answer-standardized", algo="ddpg", columns=2, settings="figure8", normalize=BOTH),
     Drawing(
         "answer-authors-harder",

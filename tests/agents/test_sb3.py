@@ -9,7 +9,7 @@ from jbench.agents import sb3
 from jbench.agents.algorithms import algorithm_fields
 from jbench.errors import RequestError
 from jbench.policies.network import SavedNetwork
-from jbench.settings.algorithms import ALGORITHMS, Foreign, algorithm_settings
+from jbench.settings.algorithms import Foreign, algorithm_settings
 from jbench.settings.recorded import read_run
 from jbench.settings.run import RunSettings
 from jbench.store import Results
@@ -49,7 +49,7 @@ COMPARED = {"action_noise", "noise_mean", "noise_sigma", "noise_theta", "noise_d
 COMPARED |= {"hidden_layers", "uniform_warmup", "clip_range", "clip_range_vf"}
 
 
-@pytest.mark.parametrize("algo", ALGORITHMS)
+@pytest.mark.parametrize("algo", sb3.CLASSES)
 def test_agents_have_the_settings(algo):
     settings, agent = algorithm_settings(algo), build(algo)
     for name, value in settings.model_dump(exclude=COMPARED).items():
@@ -68,7 +68,7 @@ def test_actions_before_learning_starts_are_uniform_or_of_policy():
     np.testing.assert_array_equal(action, ddpg.predict(ddpg._last_obs, deterministic=True)[0])
 
 
-@pytest.mark.parametrize("algo", ALGORITHMS)
+@pytest.mark.parametrize("algo", sb3.CLASSES)
 def test_saved_policy_is_copy_that_equals_agent(algo):
     agent = build(algo, hidden_layers=[24, 16])
     observations = np.random.default_rng(0).normal(size=(50, 16)).astype(np.float32)

@@ -86,7 +86,7 @@ PUBLISHED = {
 }
 
 
-@pytest.mark.parametrize("algo", ALGORITHMS)
+@pytest.mark.parametrize("algo", PUBLISHED)
 def test_defaults_are_published_settings(algo):
     assert algorithm_settings(algo).model_dump() == PUBLISHED[algo]
 
@@ -171,7 +171,7 @@ FROM_PAPER = {
 }
 
 
-@pytest.mark.parametrize("algo", ALGORITHMS)
+@pytest.mark.parametrize("algo", FROM_PAPER)
 def test_sb3_settings_are_library_defaults_except_table_1(algo):
     settings = algorithm_settings(algo, "sb3").model_dump()
     fixed = FROM_PAPER[algo] | {"learning_rate", "batch_size", "gamma", "hidden_layers"}

@@ -4,9 +4,9 @@ import pytest
 
 from jbench.names import TASKS
 from jbench.report.data.curves import SEQUENCE, best_median
-from jbench.settings.algorithms import ALGORITHMS
 
-# Medians and [q10, q90] at about 5e6 steps, DDPG, PPO, SAC and TD3.
+FIGURE_9 = ("ddpg", "ppo", "sac", "td3")
+# Medians and [q10, q90] of these algorithms at about 5e6 steps.
 END = {
     "move_from_origin": [(933, 633, 967), (713, 147, 943), (973, 959, 979), (971, 950, 978)],
     "face_direction": [(808, 693, 881), (239, 24, 863), (959, 932, 969), (963, 908, 985)],
@@ -21,11 +21,11 @@ def curve(published, figure, task, algo):
 
 
 @pytest.mark.parametrize("task", TASKS)
-@pytest.mark.parametrize("algo", ALGORITHMS)
+@pytest.mark.parametrize("algo", FIGURE_9)
 def test_final_quantiles_of_figure_9(published, task, algo):
     last = curve(published, "Figure 9", task, algo).iloc[-1]
     assert (last["representation"], last["seeds"], last["source"]) == ("full", 10, "published")
-    ends = END[task][ALGORITHMS.index(algo)]
+    ends = END[task][FIGURE_9.index(algo)]
     assert last[["median", "q10", "q90"]].tolist() == pytest.approx(ends, abs=0.7)
 
 

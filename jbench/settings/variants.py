@@ -3,7 +3,7 @@
 import json
 import math
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Container, Mapping
 from typing import Any
 
 from jbench.settings.algorithms import SETTINGS
@@ -166,31 +166,21 @@ def _labels(
         flat = with_encoders(flat)
 
     always = always or {}
-    paths = list(dict.fromkeys(path for values in flat.values() for path in values))
+    paths = dict.fromkeys(path for values in flat.values() for path in values)
     differing = differing_paths(flat.values())
     kept = differing.union(*always.values())
     named = [path for path in paths if path in kept and path[0] not in left_out]
+    names = _names(named)
 
-    # A last part that two paths share does not tell them apart.
-    ends = Counter(path[-1] for path in named)
-    names = {path: path[-1] if ends[path[-1]] == 1 else ".".join(path) for path in named}
-
-    rows = sorted(flat.items(), key=lambda row: ([_rank(row[1].get(p)) for p in named], row[0]))
     labels = {}
     has_all = True
-    for variant, values in rows:
+    for variant in sorted(flat, key=lambda v: ([_rank(flat[v].get(path)) for path in named], v)):
+        values = flat[variant]
         texts = {path: form(names[path], values.get(path, ...)) for path in named}
         for path in {*always.get(variant, ())}.intersection(named, values):
             texts[path] = texts[path] or f"{names[path]}={_text(values[path])}"
 
-        algo = values.get(("algo",))
-        usual = bases(algo)["published"] if algo in SETTINGS else {}
-
-        # What tells variants apart is named first, and of that what is unusual.
-        ranked = sorted(
-            filter(texts.get, named),
-            key=lambda p: (p not in differing, values.get(p) == usual.get(p)),
-        )
+        ranked = _by_importance([path for path in named if texts[path]], values, differing)
         shown = {*ranked[:_NAMED_SETTINGS]}
         has_all = has_all and len(shown) == len(ranked)
         labels[variant] = [texts[path] for path in named if path in shown]
@@ -200,6 +190,21 @@ def _labels(
         labels = {variant: [*label, f"{CUT} ({variant})"] for variant, label in labels.items()}
 
     return labels
+
+
+def _names(paths: Collection[SettingPath]) -> dict[SettingPath, str]:
+    """Returns the last part of each path, or all of it where that does not tell two apart."""
+    ends = Counter(path[-1] for path in paths)
+    return {path: path[-1] if ends[path[-1]] == 1 else ".".join(path) for path in paths}
+
+
+def _by_importance(
+    paths: Collection[SettingPath], values: Flat, differing: Container[SettingPath]
+) -> list[SettingPath]:
+    """Returns first the settings that tell variants apart, and of these first the unusual ones."""
+    algo = values.get(("algo",))
+    usual = bases(algo)["published"] if algo in SETTINGS else {}
+    return sorted(paths, key=lambda p: (p not in differing, values.get(p) == usual.get(p)))
 
 
 def _text(value: Any) -> str:

@@ -6,7 +6,8 @@ from functools import cache
 
 import pytest
 
-from jbench.store import Results
+from jbench.store import Results, locks
+from tests.command_line import Process, kill_when, start, wait_until
 from tests.user_code import EDITS, KINDS, SHORT_RUN, TASK, Project, words
 
 DATE = r"\(\d{4}-\d\d-\d\d \d\d:\d\d UTC\)"
@@ -220,6 +221,83 @@ def test_comments_and_formatting_are_no_change(made, kind, tmp_path):
     project.comment()
     assert "has changed" not in project.make()
     assert set(project.runs()) == before
+    assert "About your code" not in project.succeed("verify").stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["task", "rule", "agent"])
+def test_interrupted_run_of_other_code_is_resumed_only_if_that_is_accepted(made, kind, tmp_path):
+    project = made(kind).copy(tmp_path / "project")
+    training = project.training("--seeds", "7", "--steps", "3000")
+    process = start(*training, "--checkpoint-every", "0", cwd=project.folder)
+
+    def of_seed(project):
+        return {id: run for id, run in project.runs().items() if "/s07-" in id}
+
+    kill_when(lambda: any(run.roles() for run in of_seed(project).values()), process)
+    (begun,) = of_seed(project).values()
+    wait_until(lambda: not locks.is_held(begun.path))
+    begun.refresh()
+    assert begun.status == "unfinished"
+    edited = project.edit("module")
+    other = project.copy(tmp_path / "other")
+
+    manifest = (begun.path / "manifest.json").read_bytes()
+    printed = words(project.succeed(*training).stdout)
+    assert re.search(f"{edited} has changed since the run {begun.id} was recorded {DATE}", printed)
+    assert (
+        "so its seed trains from the beginning under another id; --accept-changed-code" in printed
+    )
+    (new,) = of_seed(project).keys() - {begun.id}
+    assert "continued" not in project.runs()[new].manifest.provenance
+    assert (begun.path / "manifest.json").read_bytes() == manifest
+
+    other.succeed(*training, "--accept-changed-code")
+    (id,) = of_seed(other).keys() - {begun.id}
+    resumed = other.runs()[id]
+    assert (resumed.status, resumed.rows("episodes")) == ("finished", 30)
+    settings = dict(resumed.settings)
+    assert settings.pop("accepted")
+    assert settings == begun.settings
+    (continued,) = resumed.manifest.provenance["continued"]
+    assert continued["run"] == begun.id
+    assert 0 < continued["control_steps"] < 3000
+
+
+@pytest.mark.slow
+def test_dataset_of_other_code_is_another_one(made, tmp_path):
+    project = made("task").copy(tmp_path / "project")
+    collect = ("collect", *TASK, "--steps", "300")
+    project.succeed(*collect)
+    (before,) = Results(project.results).scan("dataset")[0]
+    edited = project.edit("import")
+    changed = f"{edited} has changed since the dataset {before.id} was recorded {DATE}"
+    done = project.type("train-encoder", *TASK, "--kind", "pca", "--latent", "2")
+    assert done.returncode == 2
+    assert re.search(changed, words(done.stderr))
+
+    assert re.search(changed, words(project.succeed(*collect).stdout))
+    assert "already" in words(project.succeed(*collect).stdout)
+    records = Results(project.results).scan("dataset")[0]
+    assert len(records) == 2
+    assert before.id in {record.id for record in records}
+    project.succeed("train-encoder", *TASK, "--kind", "pca", "--latent", "2")
+
+
+@pytest.mark.slow
+def test_script_around_a_recording_separates_nothing(made, tmp_path):
+    """It often holds the seed."""
+    project = made("loop").copy(tmp_path / "project")
+    before = project.runs()
+    script = project.folder / "loop.py"
+    script.write_text(script.read_text().replace("[0.1]", "[0.2]"))
+    Process("tests.user_code:run_loop", "3", cwd=project.folder).finished()
+    assert len(project.runs()) == len(before) + 1
+    checksums = {run.manifest.provenance["script_sha256"] for run in project.runs().values()}
+    assert len(checksums) == 2
+    (row,) = evaluations_of(project)
+    assert row["seeds"] == 3
+    assert "code" not in row["configuration"]
     assert "About your code" not in project.succeed("verify").stdout
 
 

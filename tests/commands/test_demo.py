@@ -22,6 +22,7 @@ def test_each_command_is_printed_run_and_recorded(tmp_path, monkeypatch, capsys)
     assert f"\n$ jbench collect --steps 1000 --results {place}\n$ jbench datasets" in printed
     assert "1 dataset in" not in printed  # only a failing command is quoted
     assert f"Open {place / 'report' / 'index.html'} in a browser." in printed
+    assert "Two seeds decide nothing" in printed
     (record,) = Results(place).scan("dataset")[0]
     typed = ["jbench", "collect", "--steps", "1000", "--results", str(place)]
     assert record.manifest.provenance["command"] == typed

@@ -110,6 +110,26 @@ def test_resumed_run_begins_at_its_checkpoint_without_a_speed(runs):
         assert "face_direction td3 full seed 0 6,000 of 10,000 steps" in shown(view)
 
 
+def test_time_left_is_measured_from_the_first_update_on(tmp_path):
+    """By hand: 10,000 steps/s of random actions, then 10,000 steps in 10 s with updates."""
+    (run,) = runs_of_matrix(write_matrix(tmp_path, seeds="0", steps=100_000), tmp_path)
+    later = {**run.hyperparameters, "learning_starts": 11_000}
+    run = run.model_copy(update={"hyperparameters": later})
+    clock = [0]
+    with TrainingView() as view:
+        view.get_time = lambda: clock[-1]
+        view.show(TrainingBegan([run]))
+        view.show(ProcessStarted([run]))
+        for seconds, steps in ((1, 10_000), (2, 20_000)):
+            clock.append(seconds)
+            view.show(episode(run, steps, 5.0))
+            assert not any("left" in line or "/s" in line for line in shown(view))
+        for seconds, steps in ((12, 30_000), (22, 40_000)):
+            clock.append(seconds)
+            view.show(episode(run, steps, 5.0))
+        assert all("1,000/s" in line and "left" in line for line in shown(view))
+
+
 def test_many_seeds_are_shown_by_mean_and_extremes_and_several_cells_by_their_number(tmp_path):
     *runs, eighth, ninth = runs_of_matrix(write_matrix(tmp_path, seeds="0-9"), tmp_path)
     other = [run.model_copy(update={"task": "move_to_pose"}) for run in (eighth, ninth)]

@@ -3,6 +3,7 @@
 import pytest
 from pydantic import ValidationError
 
+from jbench.datasets import collect, fixed
 from jbench.errors import WorkError
 from jbench.settings.records import DatasetSettings
 from jbench.store import Results
@@ -27,6 +28,16 @@ def test_bytes_do_not_depend_on_threads_or_length(tmp_path, collect_in_files_of,
         assert len(checksums(shorter)) == files * 2  # states and targets of two episodes
         assert checksums(shorter).items() < checksums(longer).items()
         assert shorter.rows("steps") == files * 2 * 101
+
+
+def test_progress_is_reported_while_a_file_is_simulated(tmp_path, monkeypatch):
+    monkeypatch.setattr(fixed, "REPORT_SECONDS", 0.001)
+    seen = []
+    collect(DatasetSettings(steps=20_000), Results(tmp_path), 1, seen.append)
+    assert (seen[0], seen[-1]) == (0, 20_000)
+    assert seen == sorted(seen)
+    # A file has ten episodes of 1,000 control steps.
+    assert {0, 10_000, 20_000} < {*seen}
 
 
 def test_dataset_in_use_by_other_process_is_refused(tmp_path, collect_in_files_of):

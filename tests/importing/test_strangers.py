@@ -247,9 +247,8 @@ def test_evaluations_of_arrays_of_one_number_are_read(imports, rows):
     with np.load(file) as arrays:
         assert arrays["results"].ndim == 3
         returns, steps = arrays["results"].ravel(), arrays["timesteps"]
-    if (returns >= 0).all() and (returns <= 1000).all():
-        assert imports("sb3-evaluations", file, seed_from=r"seed(\d+)")[0] == 0
-        assert rows()[1]["episode_return"].tolist() == returns.tolist()
+    assert imports("sb3-evaluations", file, seed_from=r"seed(\d+)")[0] == 0
+    assert rows()[1]["episode_return"].tolist() == returns.tolist()
     points = read_curves(file).points
     assert points["steps"].tolist() == steps.tolist()
     assert points["return"].tolist() == pytest.approx(

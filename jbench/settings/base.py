@@ -71,7 +71,8 @@ def omissible(default: Any, **more: Any) -> Any:
 def typed(default: Any, unit: str | None = None, **more: Any) -> Any:
     """Returns a field that every record has; users who type none get the default.
 
-    None follows from other settings. The unit `control steps` may be typed as 100k or 5e6.
+    A default of None is derived from other settings. The unit `control steps` may be typed as 100k
+    or 5e6.
     """
     return Field(json_schema_extra={"typed": default, "unit": unit}, **more)
 

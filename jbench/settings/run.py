@@ -195,9 +195,19 @@ class RunSettings(TrainedSettings):
         return min(done * self.robots // self.steps, self.robots - 1)
 
 
-_RESOLVED = """
-task specs algo package sources accepted hyperparameters seed representation encoder encoder_draws
-ofe
-"""
-TYPED = tuple(name for name in RunSettings.model_fields if name not in _RESOLVED.split())
+_RESOLVED = {
+    "task",
+    "specs",
+    "algo",
+    "package",
+    "sources",
+    "accepted",
+    "hyperparameters",
+    "seed",
+    "representation",
+    "encoder",
+    "encoder_draws",
+    "ofe",
+}
+TYPED = tuple(name for name in RunSettings.model_fields if name not in _RESOLVED)
 """Fields that are options of `jbench train` and keys of a sweep; the others follow from these."""

@@ -28,11 +28,11 @@ def build_settings(algo, **overrides):
     return algorithm_settings(algo, overrides=small | overrides)
 
 
-def build_oracle(algo, settings, dtype, monkeypatch, actions=1):
+def build_oracle(algo, settings, dtype, monkeypatch, actions=1, size=SIZE):
     """An agent of stable-baselines3 that computes in the given precision."""
     # By default it converts observations to float32.
     monkeypatch.setattr(policies, "preprocess_obs", lambda observations, *_, **__: observations)
-    env = DummyVecEnv([lambda: Spaces(SIZE, actions)] * getattr(settings, "n_envs", 1))
+    env = DummyVecEnv([lambda: Spaces(size, actions)] * getattr(settings, "n_envs", 1))
     agent = sb3.build(algo, settings, env, seed=0)
     agent.policy.to(dtype)
     if getattr(agent, "log_ent_coef", None) is not None:
@@ -44,10 +44,10 @@ def build_oracle(algo, settings, dtype, monkeypatch, actions=1):
     return agent
 
 
-def build_learner(algo, settings, dtype=torch.float32, action_size=1):
+def build_learner(algo, settings, dtype=torch.float32, action_size=1, size=SIZE):
     """Returns the tensors of one seed, and its learner."""
     tensors = Tensors(1, dtype)
-    return tensors, own_learner(algo)(settings, SIZE, action_size, tensors.select(0))
+    return tensors, own_learner(algo)(settings, size, action_size, tensors.select(0))
 
 
 def linear_layers(module):

@@ -3,7 +3,7 @@
 import gymnasium
 import numpy as np
 from gymnasium import spaces
-from gymnasium.wrappers import TimeLimit
+from gymnasium.wrappers import RecordEpisodeStatistics, TimeLimit
 
 EPISODE = 20
 """Control steps of an episode."""
@@ -99,6 +99,11 @@ cart, falls, leaves, drifts, wakes = map(limited, (Cart, Falls, Leaves, Drifts, 
 huge_reward, discrete, unbounded, pixels, counts = map(
     limited, (HugeReward, Discrete, Unbounded, Pixels, Counts)
 )
+
+
+def recorded():
+    """The limit is within another wrapper."""
+    return RecordEpisodeStatistics(TimeLimit(Cart(), EPISODE))
 
 
 def falls_without_limit():

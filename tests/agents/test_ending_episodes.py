@@ -206,6 +206,22 @@ def test_missing_rewards_are_added_where_an_episode_is_truncated():
     assert (added[~truncated] == 0).all()
 
 
+def test_terminal_time_limit_concerns_truncations_only():
+    """Off-policy agents: an end that is terminal has no value of what follows."""
+    terminal, ended, fallen = {}, [], []
+    changes = {**SMALL, "learning_starts": 1000, "buffer_size": 200}
+    for limit in ("bootstrap", "terminal"):
+        with build_engine("td3", changes, time_limit=limit) as engine:
+            for ends in engine.learn(100):
+                if ends is not None and limit == "bootstrap":
+                    ended.append(engine.control_steps - 1)
+                    fallen += ended[-1:] if ends.terminated[0, 0] else []
+            rows = engine.replay.rows_since(0)[0].view(100, 2, -1)
+        terminal[limit] = np.flatnonzero(rows[:, 1, -1].numpy() == 1).tolist()
+    assert 0 < len(fallen) < len(ended)
+    assert terminal == {"bootstrap": fallen, "terminal": ended}
+
+
 def test_replay_has_the_last_observation_of_each_episode():
     changes = {**SMALL, "learning_starts": 1000, "buffer_size": 200}
     with build_engine("td3", changes) as engine:

@@ -100,11 +100,15 @@ def test_parts_of_an_observation_are_named_and_actions_scaled():
         np.testing.assert_allclose(rewards[i], -10 * abs(position), rtol=1e-5)
 
 
-def test_list_is_taken_for_a_tuple_and_what_the_space_lacks_left_out():
+@pytest.mark.parametrize("name", [f"{MISTAKEN}:list_for_tuple", f"{LAB}:recorded"])
+def test_list_for_a_tuple_and_a_wrapper_around_the_limit_change_nothing(name):
     seen = []
-    for name in (f"{LAB}:cart", f"{MISTAKEN}:list_for_tuple"):
-        with checked_task(name).worlds(1) as worlds:
-            seen.append(worlds.reset([np.random.default_rng(0)]))
+    for each in (f"{LAB}:cart", name):
+        task = checked_task(each)
+        assert (task.episode_steps, task.repeats(), task.notes) == (20, True, ())
+        with task.worlds(1) as worlds:
+            worlds.reset([np.random.default_rng(0)])
+            seen.append(np.concatenate([worlds.step(np.full((1, 1), 0.3))[0] for _ in range(20)]))
     np.testing.assert_array_equal(*seen)
 
 

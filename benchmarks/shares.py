@@ -25,6 +25,8 @@ SEEDS = 5
 STEPS = {"ddpg": 5_000, "td3": 5_000, "sac": 5_000, "ppo": 50_000}
 """Control steps of each seed: between 10 seconds and 5 minutes."""
 EVALUATE_EVERY = 50_000
+EVALUATED = 10
+"""Episodes of an evaluation."""
 PARTS = (
     "robots",
     "acting",
@@ -45,7 +47,7 @@ def settings_of(algo: str, seed: int, steps: int) -> RunSettings:
         seed=seed,
         steps=steps,
         evaluate_every=10 * steps,
-        evaluate_episodes=10,
+        evaluate_episodes=EVALUATED,
         hyperparameters=algorithm_settings(algo, overrides=overrides).model_dump(mode="json"),
     )
 
@@ -55,7 +57,7 @@ def shares(algo: str, steps: int) -> dict[str, float]:
     runs = [settings_of(algo, seed, steps) for seed in range(SEEDS)]
     with tempfile.TemporaryDirectory() as folder, measured() as seconds:
         began = time.perf_counter()
-        failures = run_batch(runs, Results(Path(folder)))
+        failures = run_batch(runs, Results(Path(folder)), final_episodes=EVALUATED)
         whole = time.perf_counter() - began
     for failure in failures.values():
         raise failure

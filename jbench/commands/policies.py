@@ -180,7 +180,7 @@ def _find(
 ) -> tuple["Results", str, str | None]:
     """Returns the results, the policy's full name, and the task that was typed or trained on.
 
-    Prints a note if the robot is not one that the agent was trained on.
+    Prints notes on the task, and if the robot is not one that the agent was trained on.
     """
     from jbench.policies.find import full_name
     from jbench.tasks.find import checked_task
@@ -188,7 +188,7 @@ def _find(
     database, name = database_and_policy(results, names.HEURISTIC if policy is None else policy)
     name, run = full_name(database, name)
     if task is not None:
-        task = checked_task(task).name
+        output.note_task(checked_task(task))
     elif run is not None:
         task = run.task
 

@@ -21,7 +21,7 @@ from jbench.sweeps.cell import Cell, all_runs
 from jbench.sweeps.preparation import missing_encoders
 from jbench.sweeps.scheduler import Executor, sweep
 from jbench.training.events import Event, Note, Warned
-from jbench.training.status import failures_among, run_statuses
+from jbench.training.status import failures_among, run_statuses, will_fail_again
 from jbench.wording import counted, with_results
 
 
@@ -79,9 +79,11 @@ def check_failures(failures: Collection[str], runs: int, results: Results) -> No
         return
 
     records = [results.find_readable("run", id) for id in failures]
-    is_recorded = any(record is not None and record.status == "failed" for record in records)
-    what = "--retry-failed" if is_recorded else "the same command"
-    raise WorkError(f"{len(failures)} of {counted(runs, 'run')} failed; {what} tries again.")
+    recorded = [record for record in records if record is not None and record.status == "failed"]
+    what = "--retry-failed tries again" if recorded else "the same command tries again"
+    if len(recorded) == len(failures) and all(map(will_fail_again, recorded)):
+        what = "the same numbers, code and machine make the same error again"
+    raise WorkError(f"{len(failures)} of {counted(runs, 'run')} failed; {what}.")
 
 
 def check_left(left: Sized, runs: int) -> None:

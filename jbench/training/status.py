@@ -55,16 +55,17 @@ def run_status(run: RunSettings, results: Results) -> RunStatus:
     if record.is_finished:
         return RunStatus("finished", 0)
     done = committed_steps(record) if record.roles() else 0
-    fails_again = record.status == "failed" and _fails_again(run, record)
-    return RunStatus(record.status, max(0, run.steps - done), record.error or "", fails_again)
+    left = max(0, run.steps - done)
+    return RunStatus(record.status, left, record.error or "", will_fail_again(record))
 
 
-def _fails_again(run: RunSettings, record: Record) -> bool:
+def will_fail_again(record: Record) -> bool:
     """Returns whether a run failed by its own numbers, and the same code and machine repeat it."""
-    if not {"diverged", "episode_failed"} & record.manifest.summary.keys():
+    by_numbers = {"diverged", "episode_failed"} & record.manifest.summary.keys()
+    if record.status != "failed" or not by_numbers:
         return False
     try:
-        now = {**provenance(), **code_provenance(run.task)}
+        now = {**provenance(), **code_provenance(record.settings["task"])}
     except (RequestError, WorkError):  # the code is not here
         return False
     now.pop("threads")  # of a worker, which may be other than this process

@@ -118,9 +118,22 @@ def test_run_that_failed_for_want_of_space_needs_no_option(cells, results):
     # A full disk leaves it unfinished.
     with pytest.raises(WorkError, match="1 of 2 runs failed; the same command tries again"):
         check_failures([run.id], 2, results)
-    record.fail("its agent diverged")
+    record.fail("a worker died")
     with pytest.raises(WorkError, match="1 of 2 runs failed; --retry-failed tries again"):
         check_failures([run.id], 2, results)
+
+
+def test_option_that_would_change_nothing_is_not_suggested(cells, results):
+    """An agent that diverged does so again."""
+    run, other = cells[0].runs
+    record = results.create("run", run.id, run.model_dump(mode="json"))
+    record.fail("its agent diverged", {"diverged": {"control_steps": 40}})
+    same = "1 of 2 runs failed; the same numbers, code and machine make the same error again.$"
+    with pytest.raises(WorkError, match=same):
+        check_failures([run.id], 2, results)
+    results.create("run", other.id, other.model_dump(mode="json")).fail("a worker died")
+    with pytest.raises(WorkError, match="2 of 2 runs failed; --retry-failed tries again"):
+        check_failures([run.id, other.id], 2, results)
 
 
 def test_earlier_report_is_named_only_if_there_is_one(tmp_path):

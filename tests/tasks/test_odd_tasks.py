@@ -40,6 +40,8 @@ def test_part_without_values_is_left_out_with_a_note(run_command, tmp_path):
     assert task.episode_steps == 20
     note = f"Warning: {name}: sensors of its observation has no values and is left out.\n"
     assert run_command("tasks", name)[::2] == (0, note)
+    evaluated = ("evaluate", "random", "--task", name, "--episodes", 1)
+    assert run_command(*evaluated, results=tmp_path)[::2] == (0, note)
     code, out, err = run_command("collect", "--task", name, "--steps", 40, results=tmp_path)
     assert code == 0
     assert note in err

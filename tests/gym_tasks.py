@@ -106,6 +106,9 @@ def recorded():
     return RecordEpisodeStatistics(TimeLimit(Cart(), EPISODE))
 
 
+gymnasium.register("lab/Cart-v0", "tests.gym_tasks:Cart", max_episode_steps=EPISODE)
+
+
 def falls_without_limit():
     return Falls()
 

@@ -20,7 +20,7 @@ from jbench import names, task_specs
 from jbench.commands import parsing
 from jbench.cores import cores
 from jbench.settings.algorithms import ALGORITHMS, SETTINGS
-from jbench.settings.base import typed_default
+from jbench.settings.base import task_and_representation, typed_default
 
 LATENTS = 12  # of the paper's autoencoder: the default
 
@@ -103,7 +103,8 @@ def complete_policies(context: Context) -> list[str]:
 def complete_encoders(context: Context, incomplete: str) -> list[str]:
     """Offers the representations of the encoders in --results, and their ids after a slash."""
     ids = _ids(context, "encoder")
-    representations = sorted({id.split("/")[1] for id in ids if id.count("/") > 1})
+    whole = [id for id in ids if id.count("/") > 1]
+    representations = sorted({task_and_representation(id)[1] for id in whole})
     return ids if "/" in incomplete else ["none", *representations]
 
 

@@ -12,6 +12,7 @@ from jbench.errors import ElsewhereError, WorkError
 from jbench.loggers.logger import copying_rows, make_logger
 from jbench.names import KeepState
 from jbench.report.numbers import whole
+from jbench.settings.base import task_and_representation
 from jbench.settings.evaluations import EVALUATION_EPISODES
 from jbench.settings.run import RunSettings
 from jbench.store import Results
@@ -117,7 +118,7 @@ def note_encoder(typed: str, run: RunSettings) -> list[str]:
     """Returns a sentence on the encoder of a run, if its name is not the one that was typed."""
     if run.encoder is None or run.encoder_draws is not None:
         return []
-    _, representation, _ = run.encoder.split("/")
+    _, representation = task_and_representation(run.encoder)
     if typed == representation or run.encoder.startswith(typed):
         return []
     return [f"--encoder {typed} is {run.encoder}."]

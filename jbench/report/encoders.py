@@ -10,7 +10,7 @@ import pandas as pd
 from jbench.names import ENCODER_KINDS, TASKS, kind_in, shown_representation
 from jbench.report.analysis.scores import seed_scores
 from jbench.report.data.configuration import ID, Configurations, differing_in, in_order
-from jbench.settings.base import settings_hash
+from jbench.settings.base import settings_hash, task_and_representation
 from jbench.settings.code_words import first_dates
 from jbench.settings.recorded import ENCODER_VARIANT
 from jbench.settings.variants import variant_labels
@@ -34,7 +34,8 @@ def descriptions(tables: Mapping[str, pd.DataFrame]) -> dict[str, str]:
         recorded = json.loads(row["provenance"]) if isinstance(row["provenance"], str) else None
         text = recorded.get("description") if isinstance(recorded, dict) else None
         if isinstance(text, str) and text:
-            described[kind_in(str(row["encoder"]).split("/")[1])] = text
+            _, representation = task_and_representation(str(row["encoder"]))
+            described[kind_in(representation)] = text
     return described
 
 
@@ -56,7 +57,7 @@ def encoder_frame(tables: Mapping[str, pd.DataFrame], task: str | None = None) -
     if rows.empty:
         return pd.DataFrame(columns=_COLUMNS)
 
-    names = rows["encoder"].str.split("/").str[1]  # such as dae12-observation-whitened
+    names = rows["encoder"].map(task_and_representation).str[1]  # such as dae12-whitened
     rows["representation"] = names.map(shown_representation)
     codes = [json.loads(text).get("sources") for text in rows["settings"]]
     dates = first_dates(zip(codes, rows["created"], strict=True))
@@ -97,7 +98,7 @@ def kept_frame(tables: Mapping[str, pd.DataFrame], task: str | None = None) -> p
     if rows.empty:
         return pd.DataFrame(columns=columns)
 
-    names = rows["encoder"].str.split("/").str[1]
+    names = rows["encoder"].map(task_and_representation).str[1]
     rows["representation"] = names.map(shown_representation)
     groups = rows.groupby(["task", "representation", "feature"], as_index=False, sort=False)
     frame = groups.agg(seeds=("encoder", "nunique"), kept=("kept", "median"))

@@ -98,6 +98,15 @@ def in_id(name: str) -> str:
     return re.sub("[:,=]", ".", name)
 
 
+def task_and_representation(encoder: str) -> tuple[str, str]:
+    """Returns what the id of an encoder begins with, such as face_direction and dae12.
+
+    The task may have slashes, as gym:NAMESPACE/ID of Gymnasium's registry.
+    """
+    parts = encoder.rsplit("/", 2)
+    return parts[0], parts[1]
+
+
 def whole(value: Any) -> Any:
     """Returns the integer for a float such as 5e6, and anything else as it is."""
     return int(value) if isinstance(value, float) and value.is_integer() else value

@@ -13,7 +13,7 @@ from jbench.settings.algorithms import (
     default_base,
     default_time_limit,
 )
-from jbench.settings.base import canonical_json, in_id, validated
+from jbench.settings.base import canonical_json, in_id, task_and_representation, validated
 from jbench.settings.evaluations import evaluation_schedule
 from jbench.settings.recorded import Run, comparable
 from jbench.settings.records import Specs, episode_steps, requested_ofe
@@ -143,7 +143,9 @@ def _key(run: Run, representation: str, own_encoders: bool, steps: int) -> str:
 
 def short_name(representation: str) -> str:
     """Returns the name of a representation, or of an encoder's id, as reports show it."""
-    name = representation.split("/")[1] if "/" in representation else representation
+    name = representation
+    if "/" in representation:
+        _, name = task_and_representation(representation)
     return shown_representation(name.replace(":", "", 1))
 
 
@@ -156,14 +158,16 @@ def arms(parts: Parts) -> Iterator[Arm]:
     for where, part in parts.items():
         with named(where):
             for name in part.representations:
-                task, slash, _ = name.partition("/")
-                if slash and task not in map(in_id, part.tasks):
+                if "/" not in name:
+                    continue
+                task, _ = task_and_representation(name)
+                if task not in map(in_id, part.tasks):
                     raise RequestError(f"the encoder {name} is of {task}, which is not in tasks.")
 
         for task in part.tasks:
             for algo in part.algos:
                 for name in part.representations:
-                    if "/" not in name or name.split("/")[0] == in_id(task):
+                    if "/" not in name or task_and_representation(name)[0] == in_id(task):
                         yield Arm(where, part, task, algo, name)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from jbench.names import in_ranges
-from jbench.settings.base import canonical_json, in_id
+from jbench.settings.base import canonical_json, in_id, task_and_representation
 from jbench.settings.recorded import SEED, Run, alike, read_run
 from jbench.settings.run import TYPED, RunSettings
 from jbench.studies.file import NULL
@@ -150,7 +150,7 @@ def _combinations(part: Mapping[str, Any]) -> set[tuple[str, str]]:
         (task, name)
         for task in part["tasks"]
         for name in part["representations"]
-        if "/" not in name or name.split("/")[0] == in_id(task)
+        if "/" not in name or task_and_representation(name)[0] == in_id(task)
     }
 
 

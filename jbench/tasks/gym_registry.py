@@ -3,6 +3,7 @@
 import contextlib
 import importlib
 import json
+import re
 import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -18,6 +19,9 @@ from jbench.sources import source_files
 from jbench.task_specs import GYM
 
 _WRITTEN_IN_PYTHON = {"True": "true", "False": "false", "None": "null"}
+
+_TYPED = re.compile(r"[\w.-]*(/[A-Za-z0-9][\w.-]*)*", re.ASCII)
+"""A value that may be typed: parts of an id, or of a path, after a directory."""
 
 
 @dataclass(frozen=True)
@@ -122,6 +126,13 @@ def _arguments(name: str, options: Iterable[str]) -> dict[str, Any]:
 
 def _value(name: str, key: str, text: str) -> Any:
     """Returns the value of an argument of `gymnasium.make`: a number, true, false, null or text."""
+    if not _TYPED.fullmatch(text):
+        raise RequestError(
+            f"{name}: the value of {key} becomes part of the names of runs, so it can't be a list "
+            "or have other characters than letters, digits and ._-/; write a function that returns "
+            "gymnasium.make(...), and type MODULE:NAME of it."
+        )
+
     for read in (json.loads, float):
         with contextlib.suppress(ValueError):
             return read(text)
@@ -130,12 +141,6 @@ def _value(name: str, key: str, text: str) -> Any:
         raise RequestError(
             f"{name}: {key}={text} would be the text {text!r}; type {key}="
             f"{_WRITTEN_IN_PYTHON[text]}."
-        )
-
-    if text.startswith(("[", "(", "{")):
-        raise RequestError(
-            f"{name}: {key} is a list, which can't be typed here; write a function that returns "
-            "gymnasium.make(...), and type MODULE:NAME of it."
         )
 
     return text

@@ -11,7 +11,7 @@ from jbench.encoders.wrapper import input_mirror
 from jbench.errors import RequestError
 from jbench.names import OFE
 from jbench.settings.algorithms import Algorithm, default_time_limit
-from jbench.settings.base import validated
+from jbench.settings.base import task_and_representation, validated
 from jbench.settings.engines import ENGINES
 from jbench.settings.evaluations import evaluation_schedule
 from jbench.settings.records import episode_steps, requested_ofe
@@ -141,7 +141,8 @@ def _check_agent(run: RunSettings) -> None:
 def read_representation(results: Results, encoder: str, accept_changed: bool = False) -> str:
     """Returns an encoder's representation, such as dae12; raises as `load_encoder`."""
     load_encoder(results, encoder, accept_changed)
-    return encoder.split("/")[1]
+    _, representation = task_and_representation(encoder)
+    return representation
 
 
 def training_device(

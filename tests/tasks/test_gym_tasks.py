@@ -69,8 +69,10 @@ MISTAKEN = "tests.mistaken_gym_tasks"
         ),
         (
             "gym:Hopper-v5,healthy_z_range=[0.6,2],frame_skip=2",
-            "healthy_z_range is a list, which can't be typed here; write a function",
+            "the value of healthy_z_range becomes part of the names of runs, so it can't be a list",
         ),
+        ('gym:Pendulum-v1,g="9 8"', "the value of g becomes part of the names of runs, .* write a"),
+        ("gym:Pendulum-v1,g=~/a", "the value of g becomes part of the names of runs"),
         ("gym:Pendulum-v1,g", "'g' is no argument of gymnasium.make; type NAME=VALUE"),
         ("gym:Pendulum-v1,g=9.8,g=1", "has the argument g twice; type it once"),
         ("Pendulum-v1", "did you mean gym:Pendulum-v1?"),
@@ -122,8 +124,8 @@ def test_list_for_a_tuple_and_a_wrapper_around_the_limit_change_nothing(name):
         ("true", True),
         ("null", None),
         ("soft", "soft"),
-        ('"3"', "3"),
-        ("[3]", [3]),
+        ("-1e-3", -0.001),
+        ("./a/robot.xml", "./a/robot.xml"),
     ],
 )
 def test_typed_argument_has_a_value(typed, value):

@@ -6,18 +6,21 @@ import pytest
 from jbench.datasets import collect
 from jbench.policies.evaluate import evaluate
 from jbench.settings.algorithms import algorithm_settings
+from jbench.settings.base import task_and_representation
 from jbench.settings.records import DatasetSettings, EvaluationSettings
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.tasks.find import dataset_robot, find_task
 from jbench.training.batched_run import run_batch
 from jbench.training.repeat import reevaluate, retrain
+from tests.command_line import train
 from tests.gym_tasks import EPISODE
 from tests.training.small_runs import rows
 
 CART = "tests.gym_tasks:cart"
 OFF_POLICY = {"hidden_layers": [8], "batch_size": 8, "learning_starts": 20, "train_freq": 10}
 SMALL = {
+    "ddpg": {**OFF_POLICY, "gradient_steps": 2},
     "td3": {**OFF_POLICY, "gradient_steps": 2},
     "sac": {**OFF_POLICY, "gradient_steps": 2},
     "ppo": {"hidden_layers": [8], "batch_size": 20, "n_envs": 2, "n_steps": EPISODE},
@@ -70,6 +73,33 @@ def test_returns_of_a_policy_and_a_dataset_are_those_of_the_environment(tmp_path
         assert recorded == pytest.approx(sum(made), rel=1e-6)
     record = collect(DatasetSettings(**dataset_robot(task), steps=3 * EPISODE), results, threads=1)
     assert record.rows("observations") == 3 * (EPISODE + 1)
+
+
+@pytest.mark.parametrize(
+    ("encoder", "task", "representation"),
+    [
+        ("face_direction/dae12/s00-1f9a2c4e", "face_direction", "dae12"),
+        ("gym.lab/Cart-v0/pca2-whitened/s10-1f9a2c4e", "gym.lab/Cart-v0", "pca2-whitened"),
+    ],
+)
+def test_id_of_an_encoder_begins_with_its_task(encoder, task, representation):
+    assert task_and_representation(encoder) == (task, representation)
+
+
+@pytest.mark.slow
+def test_environment_of_a_namespace_is_trained_on_latents_and_reported(tmp_path, run_command):
+    task = "gym:tests.gym_tasks:lab/Cart-v0"
+    for typed in (
+        ("collect", "--task", task, "--steps", 400),
+        ("train-encoder", "--task", task, "--kind", "pca", "--latent", 2),
+        (*train("td3", "pca2"), "--task", task, "--steps", 100),
+        ("report", "--format", "svg"),
+    ):
+        code, _, err = run_command(*typed, results=tmp_path)
+        assert code == 0, err
+    runs, _ = Results(tmp_path).scan("run")
+    assert [run.settings["representation"] for run in runs] == ["pca2", "pca2"]
+    assert "pca2" in (tmp_path / "report" / "index.html").read_text()
 
 
 def test_report_and_command_line_take_returns_of_any_size(tmp_path, run_command):

@@ -10,6 +10,7 @@ from jbench.encoders.states import States
 from jbench.encoders.training import train_encoder
 from jbench.errors import RequestError
 from jbench.store import Results
+from jbench.store.merge import merge
 from jbench.store.verify import verify
 from jbench.training import checkpoints
 from jbench.training.batched_run import run_batch
@@ -157,6 +158,17 @@ def test_seeds_of_a_batch_are_computed_together(tmp_path):
     train_batch(tmp_path / "once", whole, final_episodes=1)
     for run in whole:
         assert outcome(tmp_path / "twice", run) == outcome(tmp_path / "once", run)
+
+
+def test_state_that_was_merged_into_fresh_results_is_continued_there(tmp_path):
+    short, whole = jitterbug(SHORT, "ddpg"), jitterbug(LONG, "ddpg")
+    train(tmp_path / "there", [short])
+    (merged,) = merge(Results(tmp_path / "here"), [Results(tmp_path / "there")])
+    assert merged.outcome == "copied"
+    ((_, steps, sentence, continues),) = train(tmp_path / "here", [whole])
+    assert (steps, sentence, continues) == (short.last_step, "", short.id)
+    train_batch(tmp_path / "once", [whole], final_episodes=1)
+    assert outcome(tmp_path / "here", whole) == outcome(tmp_path / "once", whole)
 
 
 def test_state_has_a_number_for_each_action(tmp_path):

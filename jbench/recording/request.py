@@ -17,7 +17,7 @@ from jbench.loggers.logger import make_logger
 from jbench.names import NO_ENCODER, OFE, LoggerName, TimeLimit, kind_in, known
 from jbench.recording.recorder import Recording
 from jbench.settings.base import validated
-from jbench.settings.evaluations import evaluation_interval
+from jbench.settings.evaluations import EVALUATION_EPISODES, evaluation_interval
 from jbench.settings.records import ExternalSettings, episode_steps
 from jbench.store import Results, files
 from jbench.store.planned import planned, say_changed
@@ -43,7 +43,7 @@ def record(
     time_limit: TimeLimit = "bootstrap",
     augment: int | None = None,
     evaluate_every: int | None = None,
-    evaluate_episodes: int = 10,
+    evaluate_episodes: int = EVALUATION_EPISODES,
     package: str | None = None,
     log: LoggerName | None = None,
 ) -> Recording:

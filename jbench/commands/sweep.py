@@ -92,7 +92,8 @@ def sweep(
     from jbench.commands.run_checks import check_runs
     from jbench.commands.sweep_status import show_cells
     from jbench.sweeps.cell import all_runs, matrix_cells
-    from jbench.sweeps.executors import Local, Ray, default_jobs
+    from jbench.sweeps.cluster import Ray
+    from jbench.sweeps.executors import Local, default_jobs
 
     database = parsing.results_to_write(results)
     if until_decided:

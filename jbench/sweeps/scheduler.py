@@ -22,7 +22,8 @@ from jbench.store.follow import POLL_SECONDS
 from jbench.sweeps.batches import batches
 from jbench.sweeps.cell import Cell, all_runs, with_runs
 from jbench.sweeps.cell_status import cell_statuses, forecast, memory_sentence
-from jbench.sweeps.executors import Local, Ray
+from jbench.sweeps.cluster import Ray
+from jbench.sweeps.executors import Local
 from jbench.sweeps.preparation import prepare
 from jbench.tasks.find import checked_task
 from jbench.tasks.task import DOES_NOT_REPEAT

@@ -96,11 +96,7 @@ def sweep(
     from jbench.sweeps.executors import Local, default_jobs
 
     database = parsing.results_to_write(results)
-    if until_decided:
-        _check_until_decided(seeds, only)
-    else:
-        _check_all_seeds(claims, max_seeds)
-
+    _check_seeds(until_decided, seeds, only, claims, max_seeds)
     limit = names.MAX_SEEDS if max_seeds is None else max_seeds
     typed = None if seeds is None else parsing.seeds(seeds)
     wanted = seeds_to_compare(matrix, limit) if until_decided else typed
@@ -153,17 +149,19 @@ def _missing_and_failed(
     return {"made_first": missing, "failures": failures | before}
 
 
-def _check_until_decided(seeds: str | None, only: str | None) -> None:
-    """Raises a RequestError for options that `--until-decided` does not take."""
-    if seeds is not None:
+def _check_seeds(
+    until_decided: bool,
+    seeds: str | None,
+    only: str | None,
+    claims: list[str] | None,
+    max_seeds: int | None,
+) -> None:
+    """Raises a RequestError for options that do not go with `--until-decided`, or not without."""
+    if until_decided and seeds is not None:
         raise RequestError("--until-decided chooses the seeds; type --max-seeds, not --seeds.")
-    if only is not None:
+    if until_decided and only is not None:
         raise RequestError("--until-decided decides whole comparisons; name them, without --only.")
-
-
-def _check_all_seeds(claims: list[str] | None, max_seeds: int | None) -> None:
-    """Raises a RequestError for options that only `--until-decided` takes."""
-    if claims or max_seeds is not None:
+    if not until_decided and (claims or max_seeds is not None):
         raise RequestError("COMPARISON and --max-seeds are for --until-decided.")
 
 

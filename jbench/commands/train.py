@@ -81,7 +81,6 @@ def train(
     database = parsing.results_to_write(results)
     algo = algo.lower() if algo.lower() in ALGORITHMS else algo
     chosen["engine"] = choose_engine(algo, chosen["engine"])
-    free = [name for name in ("evaluate_every", "evaluate_episodes") if chosen[name] is None]
     train_on = training_device(chosen["engine"], device, chosen["precision"])
     at_once = jobs or default_jobs(train_on)
     runs = request_runs(
@@ -97,8 +96,7 @@ def train(
         **chosen,
     )
     runs, notes = plan_runs(runs, database, accept_changed_code)
-    if "evaluate_every" in free:
-        runs = with_kept_evaluations(runs, database, *free)
+    runs = with_kept_evaluations(runs, database, chosen)
     check_runs(runs[:1], keep, train_on)
     notes = [*training.note_encoder(encoder, runs[0]), *notes]
     cells = [_cell(runs, algo, settings, notes)]

@@ -18,15 +18,13 @@ from jbench.names import NO_ENCODER, OFE, LoggerName, TimeLimit, kind_in, known
 from jbench.recording.recorder import Recording
 from jbench.settings.base import validated
 from jbench.settings.evaluations import EVALUATION_EPISODES, evaluation_interval
+from jbench.settings.recorded import COMPARED
 from jbench.settings.records import ExternalSettings, episode_steps
 from jbench.store import Results, files
 from jbench.store.planned import planned, say_changed
 from jbench.store.shipped import results_to_write
 from jbench.tasks.find import checked_task, code_provenance, episode_provenance
 from jbench.training.request import read_representation
-
-_FREE = ("seed", "steps", "evaluate_every", "evaluate_episodes")
-"""Settings in which the runs of one configuration may differ."""
 
 _STEPS = ("steps", "total_timesteps", "total_steps", "timesteps", "n_timesteps")
 
@@ -88,7 +86,7 @@ def record(
 
     code = {**code_provenance(task), **encoder_code(place, settings.encoder)}
     records, _ = place.scan("run", _folder(settings))
-    plan = planned(settings, records, code, _FREE)
+    plan = planned(settings, records, code, COMPARED)
     for sentence in say_changed([plan], {record.id for record in records}):
         print(sentence, file=sys.stderr, flush=True)
 

@@ -111,10 +111,7 @@ def _cell(arm: Arm, results: Results, accept_changed: bool) -> Cell:
     ids = {seed: encoder.id for seed, encoder in encoders.items()} if drawn else None
     runs = make_runs(matrix.seeds, ids, **fields)
     runs, notes = plan_runs(runs, results, accept_changed)
-    typed = matrix.run_fields
-    free = [name for name in ("evaluate_every", "evaluate_episodes") if typed[name] is None]
-    if "evaluate_every" in free:
-        runs = with_kept_evaluations(runs, results, *free)
+    runs = with_kept_evaluations(runs, results, matrix.run_fields)
 
     return Cell(
         task=task,

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 from jbench.agents.find import algorithm_provenance
 from jbench.encoders import encoder_code
 from jbench.encoders.registry import present_code
+from jbench.settings.recorded import COMPARED
 from jbench.settings.records import ExternalSettings
 from jbench.settings.run import RunSettings
 from jbench.sources import checksum
@@ -22,8 +23,6 @@ from jbench.store.code import (
 )
 from jbench.store.planned import Changed, planned, sentences
 from jbench.tasks import find
-
-_FREE = ("seed", "steps", "evaluate_every", "evaluate_episodes")
 
 
 class PlannedRuns(NamedTuple):
@@ -65,7 +64,7 @@ def plan_runs(
     folder = first.id.rpartition("/")[0]
     records, _ = results.scan("run", f"{folder}/")
     existing = {record.id for record in records}
-    free = _FREE if first.encoder_draws is None else (*_FREE, "encoder")
+    free = COMPARED if first.encoder_draws is None else (*COMPARED, "encoder")
     chosen = list[RunSettings]()
     left_alone = list[Changed]()
     others = dict[str, Changed]()

@@ -9,7 +9,7 @@ import contextlib
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from jbench.agents.find import find_class
 from jbench.agents.plugin import Agent, is_resumable
@@ -150,16 +150,20 @@ def shorter_runs(run: RunSettings, results: Results, *free: str) -> list[Record]
 
 
 def with_kept_evaluations(
-    runs: list[RunSettings], results: Results, *free: str
+    runs: list[RunSettings], results: Results, typed: Mapping[str, Any]
 ) -> list[RunSettings]:
     """Returns runs with the evaluations of recorded ones that they are, or can continue.
 
     They are those of a run with the same settings whose evaluations are the defaults of older
-    versions, or else those of a finished run that new ones continue.
+    versions, or else those of a finished run that new ones continue. Evaluations are as typed if
+    the user has typed how often they are.
 
     Args:
-        free: what the user did not type, among evaluate_every and evaluate_episodes.
+        typed: evaluate_every and evaluate_episodes, None if the user did not type them.
     """
+    free = [name for name in ("evaluate_every", "evaluate_episodes") if typed[name] is None]
+    if "evaluate_every" not in free:
+        return runs
     if any(run_status(run, results).state != "missing" for run in runs):
         return runs
     older = [run.model_copy(update=_older_evaluations(run, free)) for run in runs]

@@ -44,13 +44,14 @@ def lengths(algo, *steps, seed=1, **changes):
 
 def test_run_recorded_with_older_default_evaluations_is_found_by_the_same_command(tmp_path):
     asked = lengths("td3", SHORT, evaluate_every=100, evaluate_episodes=1)
-    free = ("evaluate_every", "evaluate_episodes")
-    assert with_kept_evaluations(asked, Results(tmp_path), *free) == asked
+    typed = {"evaluate_every": None, "evaluate_episodes": None}
+    assert with_kept_evaluations(asked, Results(tmp_path), typed) == asked
     older = lengths("td3", SHORT, evaluate_every=EPISODE, evaluate_episodes=10)
     Results(tmp_path).create("run", older[0].id, older[0].values)
-    assert with_kept_evaluations(asked, Results(tmp_path), *free) == older
-    # Whose user types the episodes means other evaluations.
-    assert with_kept_evaluations(asked, Results(tmp_path), "evaluate_every") == asked
+    assert with_kept_evaluations(asked, Results(tmp_path), typed) == older
+    # Whose user types the episodes, or how often, means other evaluations.
+    for more in ({"evaluate_episodes": 1}, {"evaluate_every": 100}):
+        assert with_kept_evaluations(asked, Results(tmp_path), typed | more) == asked
 
 
 @pytest.mark.parametrize(
@@ -205,10 +206,11 @@ def test_longer_run_takes_the_distance_of_evaluations_that_its_user_did_not_type
     (short,) = lengths("td3", SHORT, evaluate_every=100)
     longer = lengths("td3", LONG, evaluate_every=200)
     train(tmp_path, [short])
-    (run,) = with_kept_evaluations(longer, Results(tmp_path), "evaluate_every")
+    typed = {"evaluate_every": None, "evaluate_episodes": 1}
+    (run,) = with_kept_evaluations(longer, Results(tmp_path), typed)
     assert (run.evaluate_every, run.id) == (100, lengths("td3", LONG, evaluate_every=100)[0].id)
     train(tmp_path, longer)  # it exists now, so that the same command means it
-    assert with_kept_evaluations(longer, Results(tmp_path), "evaluate_every") == longer
+    assert with_kept_evaluations(longer, Results(tmp_path), typed) == longer
 
 
 @pytest.mark.parametrize(

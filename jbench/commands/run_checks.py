@@ -7,7 +7,7 @@ from jbench.devices import slowdown_of_bfloat16
 from jbench.names import KeepState
 from jbench.settings.run import RunSettings
 from jbench.tasks.find import find_task
-from jbench.training.status import check_state_can_be_kept
+from jbench.training.continuation import check_state_can_be_kept
 
 _NOTABLE_SLOWDOWN = 1.1  # a smaller one may be noise
 

@@ -8,7 +8,8 @@ from jbench.commands import output
 from jbench.store import Results
 from jbench.sweeps.cell import Cell, all_runs
 from jbench.sweeps.cell_status import CellStatus, cell_statuses, seconds_left
-from jbench.training.status import RunState, new_beginnings, run_status
+from jbench.training.continuation import new_beginnings
+from jbench.training.status import RunState, run_status
 from jbench.wording import counted, duration
 
 _SHOWN_IF_VARIED = (

@@ -71,8 +71,8 @@ def train(
     from jbench.commands.sweep_status import show_cells
     from jbench.sweeps.executors import Local, default_jobs
     from jbench.training.code import plan_runs
+    from jbench.training.kept_evaluations import with_kept_evaluations
     from jbench.training.request import request_runs, training_device
-    from jbench.training.status import with_kept_evaluations
 
     if task == "all" or ("," in task and not task.startswith(GYM)):
         raise RequestError("jbench train trains one task; type jbench sweep FILE for several.")

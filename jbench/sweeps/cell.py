@@ -23,8 +23,8 @@ from jbench.studies.file import named
 from jbench.studies.matrix import Matrix, Parts
 from jbench.tasks.find import dataset_robot, find_task
 from jbench.training.code import plan_runs
+from jbench.training.kept_evaluations import with_kept_evaluations
 from jbench.training.request import make_runs, read_representation
-from jbench.training.status import with_kept_evaluations
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ from jbench.sweeps.executors import Local
 from jbench.sweeps.preparation import prepare
 from jbench.tasks.find import checked_task
 from jbench.tasks.task import DOES_NOT_REPEAT
+from jbench.training.continuation import new_beginnings
 from jbench.training.events import (
     Event,
     Failed,
@@ -44,7 +45,6 @@ from jbench.training.events import (
 )
 from jbench.training.status import (
     failures_among,
-    new_beginnings,
     record_failure,
     run_status,
     run_statuses,

@@ -16,11 +16,11 @@ from jbench.store.files import UnreadableError
 from jbench.store.provenance import describe_changes, provenance
 from jbench.training.checkpoints import Checkpoint, copied, load
 from jbench.training.code import check_run_code
+from jbench.training.continuation import kept_runs, obstacle
 from jbench.training.events import Report, Resumed
 from jbench.training.log import RunLog
 from jbench.training.member import Member
 from jbench.training.recomputed import RecomputedRows, noted
-from jbench.training.status import kept_runs, obstacle
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,8 @@ from jbench.training.compact import (
     computed_again,
     other_rows,
 )
+from jbench.training.continuation import kept_runs
 from jbench.training.events import Note, Report
-from jbench.training.status import kept_runs
 from jbench.wording import counted
 
 

@@ -13,12 +13,7 @@ from jbench.sweeps.executors import Local
 from jbench.sweeps.scheduler import forecasts
 from jbench.tasks.find import find_task
 from jbench.training import engines
-from jbench.training.status import (
-    failures_among,
-    record_failure,
-    run_status,
-    run_statuses,
-)
+from jbench.training.status import failures_among, record_failure, run_status, run_statuses
 from tests.store.store_rows import alter_manifest, episodes
 from tests.sweep_matrices import runs_of_matrix, write_matrix
 

@@ -18,9 +18,9 @@ KNOW_THE_JITTERBUG = {
 
 MAKE_AN_AGENT = {
     "studies/arms.py",  # finds recorded runs without torch
+    "training/continuation.py",  # asks the class of an agent whether it can be resumed
     "training/engines.py",
     "training/request.py",  # tries the settings of a class of stable-baselines3
-    "training/status.py",  # asks the class of an agent whether it can be resumed
 }
 
 

@@ -16,8 +16,9 @@ from jbench.training import checkpoints
 from jbench.training.batched_run import run_batch
 from jbench.training.checkpoints import load
 from jbench.training.compact import OtherRowsError, reason_for_whole_state
+from jbench.training.continuation import check_state_can_be_kept
 from jbench.training.events import Failed, Note
-from jbench.training.status import check_state_can_be_kept, run_status
+from jbench.training.status import run_status
 from jbench.training.worker import _ended
 from tests.encoders.encoder_data import make_dataset
 from tests.short_episodes import EPISODE, short_episodes

@@ -11,12 +11,9 @@ from jbench.policies.network import WEIGHTS
 from jbench.store import Results, merge
 from jbench.store.verify import verify
 from jbench.training.batched_run import run_batch
-from jbench.training.status import (
-    check_state_can_be_kept,
-    new_beginnings,
-    run_status,
-    with_kept_evaluations,
-)
+from jbench.training.continuation import check_state_can_be_kept, new_beginnings
+from jbench.training.kept_evaluations import with_kept_evaluations
+from jbench.training.status import run_status
 from tests.short_episodes import EPISODE
 from tests.training.small_runs import paths, rows, train_batch
 from tests.training.test_checkpoints import find_file

@@ -10,9 +10,9 @@ from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.tasks.find import find_task
 from jbench.training.batched_run import run_batch
+from jbench.training.continuation import check_state_can_be_kept
 from jbench.training.log import POLICY_EVALUATION
 from jbench.training.repeat import reevaluate, retrain
-from jbench.training.status import check_state_can_be_kept
 from tests.short_episodes import EPISODE
 from tests.training.small_runs import rows, train
 from tests.training.test_resume import kill

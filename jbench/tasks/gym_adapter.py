@@ -104,7 +104,13 @@ class GymAdapter:
         self._seed = seed
 
     def observation_spec(self) -> dict[str, Spec]:
-        """Returns the parts of the observation; one that is not of numbers is an UnusableError."""
+        """Returns the parts of the observation; one that is not of numbers is an UnusableError.
+
+        So is an environment that opens a window, which ends the process where there is no display.
+        """
+        if self.env.render_mode == "human":
+            raise UnusableError("it opens a window; make it without render_mode human")
+
         parts = dict(_parts("", self.env.observation_space))
         for name, space in parts.items():
             _check_part(name, space)

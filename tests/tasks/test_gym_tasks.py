@@ -71,6 +71,10 @@ MISTAKEN = "tests.mistaken_gym_tasks"
             "gym:Hopper-v5,healthy_z_range=[0.6,2],frame_skip=2",
             "the value of healthy_z_range becomes part of the names of runs, so it can't be a list",
         ),
+        (
+            "gym:Hopper-v5,render_mode=human",
+            "it opens a window; make it without render_mode human.$",
+        ),
         ('gym:Pendulum-v1,g="9 8"', "the value of g becomes part of the names of runs, .* write a"),
         ("gym:Pendulum-v1,g=~/a", "the value of g becomes part of the names of runs"),
         ("gym:Pendulum-v1,g", "'g' is no argument of gymnasium.make; type NAME=VALUE"),

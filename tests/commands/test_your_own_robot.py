@@ -1,7 +1,11 @@
 """The robot of `docs/your-own-robot.md`: as a file, from random data to a report; as a package."""
 
 import json
+import shlex
+import subprocess
+import sys
 
+import pandas as pd
 import pytest
 
 import jbench as api
@@ -9,7 +13,7 @@ from jbench import task_specs
 from jbench.store import Results
 from tests.command_line import TRAINING, jbench, succeed, train
 from tests.commands.distributions import install, make_importable
-from tests.documentation import code_of
+from tests.documentation import ROOT, blocks_of, code_of
 
 TASK = "two_poles:balance"
 
@@ -37,6 +41,52 @@ def test_robot_of_page_is_collected_encoded_trained_and_reported(tmp_path):
     page = (tmp_path / "results" / "report" / "index.html").read_text()
     assert TASK in page
     assert "solved" not in page  # what counts as solved is known of the Jitterbug's tasks only
+
+
+def commands_of(part):
+    """Returns the commands of the page's block that contains a text, without their comments."""
+    text = (ROOT / "docs" / "your-own-robot.md").read_text()
+    (block,) = (
+        block
+        for block in blocks_of("your-own-robot.md", text)
+        if block.kind == "sh" and part in block.text
+    )
+    return [shlex.split(line, comments=True)[1:] for line in block.commands.splitlines()]
+
+
+@pytest.mark.slow
+def test_commands_for_the_stick_of_the_page_run_in_their_order(tmp_path):
+    """They train in fewer control steps here; the exported policy then runs without jbench."""
+    (tmp_path / "sticks.py").write_text(code_of("your-own-robot.md", "python", "class Stick"))
+    shorter = {"100k": "4000", "50k": "1000"}
+    for arguments in commands_of("sticks:stick"):
+        typed = [shorter.get(each, each) for each in arguments]
+        if typed[0] == "train":
+            typed += ["--seeds", "0", *TRAINING["sac"]]
+        if typed[0] == "report":
+            typed += ["--format", "svg"]
+        done = jbench(*typed, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+
+    results = api.open(tmp_path / "results")
+    runs = results.runs()
+    assert set(runs["representation"]) == {"full", "dae3"}
+    files = (tmp_path / "results" / "datasets").rglob("*.parquet")
+    steps = pd.concat([pd.read_parquet(file) for file in files])
+    falls = int(steps["terminated"].sum())
+    assert falls > 50  # the stick falls after some 20 control steps of random actions
+    assert falls + int(steps["truncated"].sum()) == steps["episode"].nunique()
+
+    run = next(id for id in runs["run"] if "/dae3/" in id)
+    done = jbench("export", run, "--out", "stick.onnx", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    program = code_of("your-own-robot.md", "python", "InferenceSession")
+    ran = subprocess.run(
+        [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert ran.returncode == 0, ran.stderr
+    # A control step is worth at most 1, and an episode has 500.
+    assert 0 < float(ran.stdout) <= 500
 
 
 @pytest.fixture(scope="module")

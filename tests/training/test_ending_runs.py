@@ -72,6 +72,25 @@ def test_runs_killed_in_the_middle_of_episodes_resume_bit_for_bit(tmp_path):
     assert (reached & ends[0]) - ends[1] or (reached & ends[1]) - ends[0]
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("algo", "every", "kills"), [("td3", 1, 40), ("ddpg", 9, 5), ("sac", 9, 5), ("ppo", 9, 5)]
+)
+def test_robot_that_falls_resumes_bit_for_bit_after_kills_at_writes(algo, every, kills, tmp_path):
+    """TD3 is killed at one write point after the other, in all commits, the others at some."""
+    hopper = "gym:Hopper-v5,max_episode_steps=25"
+    run = falling(algo, 1, task=hopper, steps=50, evaluate_every=25, evaluate_episodes=1)
+    answer = kill(tmp_path, [run], at="writes", every=every)
+    assert answer["kills"] > kills
+    # Commits are at the ends of episodes, each of another length.
+    (steps,) = answer["steps"]
+    reached = {at for (at,) in steps}
+    ends = outcome_ends(tmp_path / "whole", run)
+    assert len(reached) > 1
+    assert reached <= {0, *ends, run.steps}
+    assert len(set(np.diff([0, *sorted(ends)]))) > 1
+
+
 def outcome_ends(path, run):
     return set(Results(path).find("run", run.id).read("episodes")["control_steps"].to_pylist())
 

@@ -108,8 +108,8 @@ def _how_to_test(missing: Sequence[str], results: Path) -> str:
     evaluate = f"jbench evaluate {HEURISTIC} --task {missing[0]}"
     others = ", and the same for the other tasks" if len(missing) > 1 else ""
     if is_reference(results):  # nothing is written there
-        copy, report = f"jbench merge {REFERENCE}", "jbench report --claims"
-        return f"type `{copy}`, `{evaluate}`{others}, then `{report}`"
+        copy = f"jbench merge {REFERENCE}"
+        return f"type `{copy}`, `{evaluate}`{others}, then `jbench report --claims`"
 
     return f"type `{with_results(evaluate, results)}`{others}"
 

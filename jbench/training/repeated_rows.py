@@ -53,9 +53,10 @@ def read_rows(record: Record, *kinds: RowKind, until: float = math.inf) -> Rows:
     rows: Rows = {}
     for kind in kinds:
         for row in record.read(f"{kind}s").drop_columns([*TIMES, "run"]).to_pylist():
-            steps, number = row["control_steps"], row[kind]
-            if None not in (steps, number) and steps <= until:
-                rows[RowKey(steps, kind, number, row["episode"])] = row
+            control_steps = row["control_steps"]
+            number = row[kind]
+            if None not in (control_steps, number) and control_steps <= until:
+                rows[RowKey(control_steps, kind, number, row["episode"])] = row
     return rows
 
 

@@ -98,9 +98,10 @@ def claim_frame(
 def _text(row: dict[str, Any]) -> str:
     """Returns a finding as the table shows it: the verdict, the effect and its interval."""
     form = _FORMS.get(row["claim"], signed)
-    value, low, high = row["effect"], row["low"], row["high"]
-    ends = (low, high) if np.isfinite([low, high]).all() else ()
-    known = "unknown" if np.isnan(value) else with_interval(form, value, ends)
+    value = row["effect"]
+    ends = (row["low"], row["high"])
+    known_ends = ends if np.isfinite(ends).all() else ()
+    known = "unknown" if np.isnan(value) else with_interval(form, value, known_ends)
     return f"{row['verdict']}: {known}"
 
 

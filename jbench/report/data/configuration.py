@@ -219,7 +219,8 @@ class Configuration:
     def _seed_curve(self, row: int, window: int) -> SeedCurve:
         """Returns the curve of one seed, averaged for each robot separately."""
         logged = np.isfinite(self.control_steps[row])
-        returns, control_steps = self.returns[row, logged], self.control_steps[row, logged]
+        returns = self.returns[row, logged]
+        control_steps = self.control_steps[row, logged]
         parts = [
             seed_curve(returns[robot], control_steps[robot], most)
             for robot, most in self._windows(len(returns), window)

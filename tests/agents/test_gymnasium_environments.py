@@ -4,9 +4,11 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
-from stable_baselines3.common.buffers import ReplayBuffer
+from stable_baselines3.common.buffers import ReplayBuffer, RolloutBuffer
 
 from jbench.agents.batched.make import make_engine
+from jbench.agents.batched.on_policy import estimate
+from jbench.agents.batched.ppo import Transitions
 from jbench.agents.batched.replay import Batch
 from jbench.agents.ending_environments import environments_class
 from jbench.agents.environments import Generators
@@ -120,3 +122,76 @@ def test_transitions_and_an_update_equal_those_of_stable_baselines3(algo, task, 
     batch = Batch(observed, following, discounts, torch.cat(noise, dim=1), action_size)
     learner.update(batch, learner.is_delayed_update(1, 0))
     assert largest_difference(parameters(algo, agent, learner).values()) < 1e-10
+
+
+def rollout_of_stable_baselines3(task, seed, actions, agent):
+    """Returns its buffer after a loop like that of its PPO, with these actions (steps, size)."""
+    env = gymnasium.make(task.removeprefix("gym:"))
+    space = env.action_space
+    buffer = RolloutBuffer(
+        STEPS,
+        agent.observation_space,
+        agent.action_space,
+        gae_lambda=agent.gae_lambda,
+        gamma=agent.gamma,
+    )
+    (seeds,) = Generators(seed, 1).environments
+
+    def value(observation):
+        with torch.no_grad():
+            return agent.policy.predict_values(torch.as_tensor(observation[None]).float())[0]
+
+    observation, _ = env.reset(seed=int(seeds.integers(2**32)))
+    begins = np.ones(1)
+    for action in actions:
+        command = space.low + (np.clip(action, -1, 1) + 1) / 2 * (space.high - space.low)
+        following, reward, terminated, truncated, _ = env.step(command.astype(space.dtype))
+        if truncated and not terminated:
+            reward += agent.gamma * float(value(following))
+        buffer.add(
+            observation,
+            action,
+            np.array([reward]),
+            begins,
+            value(observation),
+            torch.zeros(1),
+        )
+        begins = np.array([terminated or truncated])
+        observation = following
+        if begins[0]:
+            observation, _ = env.reset(seed=int(seeds.integers(2**32)))
+    buffer.compute_returns_and_advantage(value(observation), begins)
+    return buffer
+
+
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("task", ["gym:Hopper-v5", "gym:Reacher-v5", "gym:Pendulum-v1"])
+def test_advantages_of_a_rollout_equal_those_of_stable_baselines3(task, seed, monkeypatch):
+    """In float32, of rewards of the order of 10, and returns of up to 1000."""
+    steps = {"n_envs": 1, "n_steps": STEPS, "batch_size": STEPS}
+    settings = build_settings("ppo", **steps)
+    with make_engine("ppo", settings, environments_class(task)(task, [seed], 1)) as engine:
+        observed, action_size = engine.environments.size, engine.environments.action_size
+        agent = build_oracle("ppo", settings, torch.float32, monkeypatch, action_size, observed)
+        for ours, theirs in parameters("ppo", agent, engine.learners[0]).values():
+            ours.copy_(theirs)
+        for _ in engine.learn(STEPS):
+            if engine.control_steps == STEPS:  # before the update
+                break
+        state = engine.state(0).tensors
+        last = torch.as_tensor(engine.environments.observations[0])
+
+    rollout = Transitions(state["loop/rollout"][None], action_size)
+    actions = rollout.actions[0, 0].double().numpy()
+    buffer = rollout_of_stable_baselines3(task, seed, actions, agent)
+    with torch.no_grad():
+        last_values = agent.policy.predict_values(last)[None, :, 0]
+    estimate(rollout, state["loop/ends"][None].numpy(), last_values, settings)
+    for ours, theirs in (
+        (rollout.observations[0, 0], buffer.observations[:, 0]),
+        (rollout.values[0, 0, :, 0], buffer.values[:, 0]),
+        (rollout.rewards[0, 0, :, 0], buffer.rewards[:, 0]),
+        (rollout.advantages[0, 0, :, 0], buffer.advantages[:, 0]),
+        (rollout.returns[0, 0, :, 0], buffer.returns[:, 0]),
+    ):
+        np.testing.assert_allclose(ours.numpy(), theirs, rtol=1e-4, atol=1e-4)

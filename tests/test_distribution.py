@@ -257,3 +257,13 @@ def test_installed_package_runs_every_command(installed):
     (manifest,) = installed.glob("results/runs/face_direction/td3/**/manifest.json")
     # The checkout's revision is not recorded: the installed package made the run.
     assert json.loads(manifest.read_text())["provenance"]["git_revision"] is None
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere, PyTorch has no build with CUDA")
+@pytest.mark.skipif(shutil.which("make") is None, reason="there is no make")
+@pytest.mark.parametrize(("driver", "is_for_cpu"), [("", True), ("/dev/nvidiactl", False)])
+def test_make_installs_pytorch_for_the_cpu_where_there_is_no_nvidia_driver(driver, is_for_cpu):
+    plan = ["make", "--dry-run", "--always-make", "install", f"DRIVER={driver}"]
+    planned = subprocess.check_output(plan, cwd=ROOT, text=True)
+    (torch,) = (line for line in planned.splitlines() if "torch==" in line)
+    assert ("download.pytorch.org/whl/cpu" in torch) == is_for_cpu

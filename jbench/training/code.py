@@ -38,11 +38,12 @@ def run_code(run: RunSettings | ExternalSettings, encoders: Results) -> dict[str
     The training loop of a recorded run is not known.
     """
     algorithm = algorithm_provenance(run.algo) if isinstance(run, RunSettings) else {}
-    return {
-        **algorithm,
-        **find.code_provenance(run.task),
-        **encoder_code(encoders, run.encoder),
-    }
+    return {**algorithm, **acting_code(run, encoders)}
+
+
+def acting_code(run: RunSettings | ExternalSettings, encoders: Results) -> dict[str, Any]:
+    """Returns provenance of the users' code with which a run's saved policy acts."""
+    return {**find.code_provenance(run.task), **encoder_code(encoders, run.encoder)}
 
 
 def plan_runs(

@@ -2,25 +2,36 @@
 
 import tempfile
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from pathlib import Path
+from statistics import fmean
 from typing import Any
 
 import numpy as np
 
+from jbench.agents.find import algorithm_provenance
 from jbench.cores import one_thread
 from jbench.devices import find_device
-from jbench.errors import RequestError
-from jbench.policies.saved import has_policy, load_agent
+from jbench.errors import RequestError, WorkError
+from jbench.policies.saved import TrainedAgent, has_policy, load_agent
 from jbench.settings.engines import ENGINES
 from jbench.settings.recorded import Run, Unreadable, read_run
 from jbench.settings.records import ExternalSettings
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results, schema
-from jbench.store.code import ChangedCodeError, changed_since, check_code, code_hash, have_changed
+from jbench.store.code import (
+    ChangedCodeError,
+    Code,
+    changed_since,
+    check_code,
+    code_hash,
+    have_changed,
+)
 from jbench.store.provenance import device_provenance, differences, provenance
+from jbench.tasks.task import Act
 from jbench.training.batched_run import run_batch
-from jbench.training.code import run_code
+from jbench.training.code import acting_code, run_code
 from jbench.training.engines import acting_as_evaluated
 from jbench.training.evaluation import derive_seeds, evaluate_policies
 from jbench.training.events import EpisodeEnded, Event
@@ -33,10 +44,31 @@ def changed_code(record: Record, results: Results, accept_changed: bool) -> list
     settings = read_run(record.settings)
     if isinstance(settings, Unreadable):
         return []
-    now = run_code(settings, results)
+    now = _code_at_hand(settings, results)
     if not accept_changed:
         check_code(record, now)
     return changed_since(record, now)
+
+
+def _code_at_hand(settings: RunSettings | ExternalSettings, results: Results) -> Code:
+    """Returns provenance of the users' code of a run, without an algorithm that is not installed.
+
+    Its saved policy acts without the code that has trained it.
+    """
+    if _is_installed(settings):
+        return run_code(settings, results)
+    return acting_code(settings, results)
+
+
+def _is_installed(settings: RunSettings | ExternalSettings) -> bool:
+    """Returns whether the algorithm of a run is at hand, if it is needed: not that of a loop."""
+    if isinstance(settings, ExternalSettings):
+        return True
+    try:
+        algorithm_provenance(settings.algo)
+    except (RequestError, WorkError):
+        return False
+    return True
 
 
 def reevaluate(results: Results, record: Record, accept_changed: bool = False) -> Repeated:
@@ -61,7 +93,7 @@ def reevaluate(results: Results, record: Record, accept_changed: bool = False) -
             settings = settings.model_copy(update={"accepted": "repeated"})
         agent = load_agent(results, record.id, accept_changed)
         device = _device(record, at_end=True)
-        with one_thread(), acting_as_evaluated(settings, agent, control_steps, device) as act:
+        with one_thread(), _acting(settings, agent, control_steps, device) as act:
             (evaluation,) = evaluate_policies(
                 settings,
                 [derive_seeds(settings.seed)[1]],
@@ -82,10 +114,29 @@ def reevaluate(results: Results, record: Record, accept_changed: bool = False) -
         for episode, episode_return in enumerate(evaluation.returns.tolist())
     }
     repeated = compared(record, control_steps, recorded, computed, "evaluation")
+    if repeated.verdict == "different" and not _is_installed(settings):
+        means = fmean(repeated.computed), fmean(repeated.recorded)
+        return _not_comparable(
+            record,
+            f"Without {settings.algo}, which is not installed, its saved layers act with other "
+            f"rounding: their mean return is {means[0]:.4g} here, and {means[1]:.4g} was recorded.",
+        )
     if not changed:
         return repeated
     reason = f"With changed code ({have_changed(changed)}). {repeated.reason}".rstrip()
     return repeated._replace(reason=reason)
+
+
+def _acting(
+    settings: RunSettings | ExternalSettings, agent: TrainedAgent, control_steps: int, device: str
+) -> AbstractContextManager[Act]:
+    """Returns a context with the actions of a kept policy; see `acting_as_evaluated`.
+
+    If the algorithm is not installed, the saved layers act.
+    """
+    if _is_installed(settings):
+        return acting_as_evaluated(settings, agent, control_steps, device)
+    return nullcontext(agent.act)
 
 
 def _show_episode(progress: Callable[[int], None], event: Event) -> None:
@@ -133,10 +184,10 @@ def _settings_to_train(results: Results, record: Record, accept_changed: bool) -
         raise RequestError(f"Another program or version wrote the settings of {record.id}.")
     if not record.rows("episodes"):
         raise RequestError(f"{record.id} is {record.status} and has no episode to compare with.")
+    now = run_code(settings, results)
     if not changed_code(record, results, accept_changed):
         return settings
-    now = code_hash(run_code(settings, results))
-    return settings.model_copy(update={"accepted": now})
+    return settings.model_copy(update={"accepted": code_hash(now)})
 
 
 def _train_again(

@@ -113,6 +113,22 @@ def test_changed_model_is_another_experiment(change, typed, tmp_path, monkeypatc
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("rendering")
+def test_picture_of_a_changed_robot_is_refused_or_marked(typed, tmp_path, monkeypatch):
+    typed(*TRAIN)
+    run = min(run_ids(tmp_path))
+    render = ("render", run, "--out", "strip.png", "--steps", "20")
+    assert "changed" not in typed(*render)
+    (tmp_path / "strip.png").unlink()
+
+    monkeypatch.setenv("CHANGE", CHANGES["gravcomp"])
+    assert re.search(rf"{CHANGED} the run {run} was recorded {DATE}", typed(*render, code=2))
+    assert not (tmp_path / "strip.png").exists()
+    assert "with changed code" in typed(*render, "--accept-changed-code")
+    assert (tmp_path / "strip.png").exists()
+
+
+@pytest.mark.slow
 def test_changed_color_is_no_change(typed, tmp_path, monkeypatch):
     typed(*TRAIN)
     before = run_ids(tmp_path)

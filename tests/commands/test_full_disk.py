@@ -23,6 +23,24 @@ TRAIN_DAE = ("train-dae", "--latent", "2", "--epochs", "20", "--batch", "64")
 TRAIN = train("td3", "none", "--jobs", "1", "--checkpoint-every", "0")
 
 
+MATRIX = """
+tasks = ["face_direction"]
+algos = ["td3"]
+representations = ["full", "pca2"]
+seeds = "0"
+steps = 200
+dataset.steps = 2000
+evaluation.episodes = 1
+
+[hyperparameters.td3]
+hidden_layers = [8]
+batch_size = 8
+learning_starts = 20
+train_freq = 20
+gradient_steps = 1
+"""
+
+
 class Disk:
     """A small disk with a results directory, on which a file may take all room but some."""
 
@@ -59,10 +77,11 @@ def disk(tmp_path):
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """A dataset, and two runs without a checkpoint."""
+    """A dataset, and two runs without a checkpoint; beside them, a matrix file."""
     results = tmp_path_factory.mktemp("made") / "results"
     succeed(*COLLECT, results=results, short=True)
     succeed(*TRAIN, results=results, short=True)
+    (results.parent / "own.toml").write_text(MATRIX)
     return results
 
 
@@ -74,6 +93,7 @@ VERBS = {
     "evaluate": (("evaluate", "heuristic", "--episodes", "2", "--threads", "1"), (0, 2)),
     "merge": (("merge", "{made}"), (0, 5)),
     "report": (("report", "--format", "svg"), (0, 9)),
+    "sweep": (("sweep", "{made}/../own.toml", "--jobs", "1", "--checkpoint-every", "0"), (0, 9)),
     "archive": (("archive", "--out", "{disk}/results.zip"), (0, 5)),
 }
 """What is typed, and for how many pieces there is room: the command ends sooner or later.

@@ -142,6 +142,15 @@ def test_runs_of_uninstalled_packages_are_listed_reported_and_verified(swept, ca
     printed = json.loads(succeed(*report, results=swept.path, short=True).stdout)
     configurations = printed["configurations"]
     assert {(row["algo"], row["seeds"]) for row in configurations} == {(n, 2) for n in SETTINGS}
+    # Saved policies are layers, which act without the code that trained them.
+    repeated = jbench("verify", "--reevaluate", "--json", results=swept.path, short=True)
+    for part in json.loads(repeated.stdout)["reevaluations"]:
+        if "tqc" in part["run"] and part["verdict"] != "equal":
+            (here, recorded) = re.findall(
+                r"Without tqc, which .* (\S+) here, and (\S+) was", part["reason"]
+            )[0]
+            assert float(here) == pytest.approx(float(recorded), rel=0.1)
+        assert part["verdict"] in ("equal", "not comparable")
     before = sorted(swept.path.rglob("*"))
     for algo in SETTINGS:
         error = refused("train", "--algo", algo, results=swept.path)

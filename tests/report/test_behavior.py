@@ -61,6 +61,13 @@ def test_only_evaluations_with_saved_states_are_drawn(tmp_path):
     assert set(positions["target_yaw"]) == {0.5}
 
 
+def test_returns_of_changed_code_are_marked(tmp_path):
+    add(Results(tmp_path), "agent", accepted="3f2a91aa")
+    motor, *_ = behavior(Results(tmp_path))
+    label = "agent (median return 100, 2 episodes, with changed code)"
+    assert set(motor["label"]) == {label}
+
+
 def test_damaged_evaluation_is_reported(tmp_path):
     add(Results(tmp_path), "random")
     (part,) = tmp_path.rglob("policy_states*.parquet")

@@ -10,6 +10,9 @@ from hypothesis import settings
 from jbench.cores import ONE_THREAD
 from jbench.opengl import OFF
 from jbench.task_specs import EPISODE_STEPS
+from tests.page_cache import leave_in_page_cache
+
+leave_in_page_cache()
 
 # Libraries read this when they are first imported, and processes inherit it. `make test` runs a
 # process on each core; more threads would only wait for each other.

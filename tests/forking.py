@@ -27,6 +27,7 @@ from functools import cache, partial
 from pathlib import Path
 
 from jbench import task_specs
+from tests.page_cache import leave_in_page_cache
 from tests.short_episodes import shorten_episodes
 
 ROOT = Path(__file__).parents[1]
@@ -300,6 +301,7 @@ def import_all():
 
 
 if __name__ == "__main__":
+    leave_in_page_cache()
     shorten_episodes(steps=int(sys.argv[2]))
     import_all()
     from jbench.encoders import reconstruction

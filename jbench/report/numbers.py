@@ -126,7 +126,7 @@ def ratio(value: float) -> str:
 def steps(value: float) -> str:
     """Formats control steps in the unit that fits: `500`, `22.5k`, `300k`, `1M`."""
     if math.isinf(value):
-        return "not reached"
+        return "later"
     # Rounded first, so that 999,900 becomes 1M instead of 1e+03k.
     rounded = float(f"{value:.3g}")
     for size, unit in ((1e6, "M"), (1e3, "k")):

@@ -111,7 +111,12 @@ def _final_returns(frames: Frames) -> Table:
             note="Detectable: smallest difference that these seeds would show.",
         ),
         Column(f"reach {SOLVED_RETURN}", "reached", "{0[reached]} of {0[seeds]}".format, True),
-        estimate(f"steps to {SOLVED_RETURN}", "solved_steps", steps),
+        estimate(
+            f"steps to {SOLVED_RETURN}",
+            "solved_steps",
+            steps,
+            note="Later: after the end of the runs.",
+        ),
         number("published median", "published"),
     ]
     title = (

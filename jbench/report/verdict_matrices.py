@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain, product
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,9 @@ from jbench.statistics.bootstrap import DECIDING_SEEDS
 from jbench.studies.deciding import margin
 
 _STATES = {"✓": "for", "✗": "against"}
+
+_BASELINES = 2
+"""Most baselines that a table has beside each other, so that a laptop shows it whole."""
 
 
 @dataclass(frozen=True)
@@ -94,25 +97,45 @@ class VerdictMatrix:
 
 
 def verdict_matrices(frames: Frames) -> list[VerdictMatrix]:
-    """Returns the verdicts, apart for representations that have no baseline in common.
-
-    Those on the most representations come first.
-    """
+    """Returns the verdicts in tables, that of the most representations first."""
     verdicts = frames.lead(frames.verdicts)
     # Half of the width of a claim's small axis; few intervals reach beyond it.
     ends = verdicts.melt("claim", ["low", "high"], value_name="end").replace(np.inf, np.nan)
     scales = ends["end"].astype(float).abs().groupby(ends["claim"]).quantile(0.9).fillna(1.0)
-    families: list[list[str]] = []
-    for _, compared in verdicts.groupby("configuration", sort=False)["against"]:
-        met = [family for family in families if compared.isin(family).any()]
-        families = [family for family in families if family not in met]
-        families.append(list(dict.fromkeys([*chain(*met), *compared])))
+    matrices = []
+    for baselines, configurations in tables_of_verdicts(verdicts):
+        shown = verdicts["configuration"].isin(configurations)
+        rows = verdicts[shown & verdicts["against"].isin(baselines)]
+        matrices.append(_verdict_matrix(rows, baselines, scales))
 
-    matrices = [
-        _verdict_matrix(verdicts[verdicts["against"].isin(family)], family, scales)
-        for family in families
-    ]
     return sorted(matrices, key=lambda matrix: matrix.row_count, reverse=True)
+
+
+def tables_of_verdicts(verdicts: pd.DataFrame) -> list[tuple[list[str], list[str]]]:
+    """Returns the baselines of each table, and the configurations that are compared with them.
+
+    A configuration is in the table of its own baselines, or in one that has these and others. A
+    table of more than `_BASELINES` is divided.
+    """
+    compared = {
+        str(configuration): list(dict.fromkeys(against))
+        for configuration, against in verdicts.groupby("configuration", sort=False)["against"]
+    }
+    families: dict[frozenset[str], list[str]] = {}
+    for baselines in compared.values():
+        if not any({*baselines} < {*others} for others in compared.values()):
+            families.setdefault(frozenset(baselines), baselines)
+
+    members: dict[frozenset[str], list[str]] = {family: [] for family in families}
+    for configuration, baselines in compared.items():
+        family = next(family for family in families if family.issuperset(baselines))
+        members[family].append(configuration)
+
+    return [
+        (baselines[first : first + _BASELINES], members[family])
+        for family, baselines in families.items()
+        for first in range(0, len(baselines), _BASELINES)
+    ]
 
 
 def _verdict_matrix(

@@ -35,7 +35,7 @@ _DECISIVE = {"jbench", "python", "processor", "threads", "git_revision", *_PACKA
 def provenance() -> dict[str, Any]:
     """Returns versions, processor, threads, git revision and command, as JSON values."""
     return {
-        "jbench": importlib.metadata.version("jbench"),
+        "jbench": _version("jbench"),
         "python": platform.python_version(),
         "packages": package_versions(),
         "system": platform.platform(),
@@ -52,11 +52,17 @@ def provenance() -> dict[str, Any]:
 
 def package_versions() -> dict[str, str]:
     """Returns the versions of the installed packages that numbers depend on."""
-    versions = {}
-    for name in _PACKAGES:
-        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
-            versions[name] = importlib.metadata.version(name)
-    return versions
+    versions = {name: _version(name) for name in _PACKAGES}
+    return {name: version for name, version in versions.items() if version is not None}
+
+
+@cache
+def _version(package: str) -> str | None:
+    """Returns the version of a package, as this process found it first; None if there is none."""
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None
 
 
 def device_provenance(device: "torch.device") -> dict[str, str | None]:

@@ -1,11 +1,12 @@
 """The report on agents of the matrix `authors`: their baseline raw, and two designs of encoders."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from jbench.report.frames import Frames
 from jbench.report.request import Request
-from jbench.report.verdict_matrices import verdict_matrices
+from jbench.report.verdict_matrices import tables_of_verdicts, verdict_matrices
 from jbench.settings.algorithms import algorithm_settings
 
 ENCODER = "face_direction/dae12-script/s0{}-{:08d}"
@@ -74,3 +75,25 @@ def test_representations_without_a_common_baseline_have_tables_of_their_own(fabr
     assert [row.words for row in rows[1]] == ["an encoder per agent", "one encoder"]
     for matrix, shown in zip(matrices, rows, strict=True):
         assert {len(row.verdicts) for row in shown} == {len(matrix.claims)}  # one baseline
+
+
+def test_a_table_of_verdicts_has_two_baselines_at_most():
+    """That of dae12 has raw, too; pca12 is compared with baselines of which two are in one."""
+    compared = {
+        "dae12": ("full", "raw"),
+        "planar": ("full", "scaled"),
+        "raw": ("full",),
+        "pca12": ("full", "scaled", "heading"),
+        "random12": ("scaled", "full"),
+    }
+    rows = [
+        {"configuration": name, "against": baseline, "claim": claim}
+        for name, baselines in compared.items()
+        for baseline in baselines
+        for claim in "ab"
+    ]
+    assert tables_of_verdicts(pd.DataFrame(rows)) == [
+        (["full", "raw"], ["dae12", "raw"]),
+        (["full", "scaled"], ["planar", "pca12", "random12"]),
+        (["heading"], ["planar", "pca12", "random12"]),
+    ]

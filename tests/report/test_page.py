@@ -145,7 +145,7 @@ def test_switches_show_another_axis_and_the_other_returns(shipped_page, opened):
 @pytest.mark.slow
 def test_tips_name_the_nearest_mark(shipped_page, opened):
     shown = opened(shipped_page).page
-    panel = shown.locator("#representations .panel").nth(2)
+    panel = shown.locator("#representations .panel", has_text="face_direction, TD3")
     panel.scroll_into_view_if_needed()
     line = panel.locator("svg").first.locator("[data-series='2']").last
     box = line.locator("path").last.bounding_box()
@@ -236,7 +236,7 @@ def test_everything_that_a_mouse_can_do_a_keyboard_can(shipped_page, opened):
 @pytest.mark.slow
 def test_page_is_readable_without_scripts(shipped_page, opened):
     shown = opened(shipped_page, java_script_enabled=False).page
-    assert shown.locator("#representations .panel > svg:visible").count() == 5
+    assert shown.locator("#representations .panel > svg:visible").count() == 6
     shown.locator(".verdict summary").first.click()
     assert shown.locator(".verdict[open] small").first.is_visible()
 

@@ -257,4 +257,4 @@ def test_small_numbers_have_two_digits():
 def test_steps_are_abbreviated(steps, printed):
     assert numbers.steps(steps) == printed
     values = {"x": steps, "x_low": steps, "x_high": math.inf}
-    assert estimate("x", "x", numbers.steps).text(values) == f"{printed} [{printed}, not reached]"
+    assert estimate("x", "x", numbers.steps).text(values) == f"{printed} [{printed}, later]"

@@ -69,11 +69,11 @@ def test_program_sweeps_without_command_line_and_receives_events(tmp_path):
     progress = [(about["work"], about["done"]) for kind, about in events if kind == "Progress"]
     assert progress[0] == ("collect", 0)
     assert progress[-1] == ("pca3 face_direction", 1)
-    rest = [(kind, about.get("steps", 0), about["runs"]) for kind, about in events]
+    rest = [(kind, about.get("control_steps", 0), about["runs"]) for kind, about in events]
     assert [event for event in rest if event[0] not in ("Note", "Progress")] == [
         ("TrainingBegan", 0, 1),
         ("ProcessStarted", 0, 1),
-        *(("EpisodeEnded", steps, 0) for steps in range(SHORT, 1001, SHORT)),
+        *(("EpisodeEnded", control_steps, 0) for control_steps in range(SHORT, 1001, SHORT)),
         ("Finished", 0, 0),
         ("ProcessEnded", 0, 1),
     ]

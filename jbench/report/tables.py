@@ -83,10 +83,39 @@ def _with_source(title: str, key: str) -> Column:
     return Column(title, key, text)
 
 
+_SPARE_COLUMNS = (
+    "published median",
+    "detectable",
+    "draws",
+    "s",
+    "over the run",
+    f"steps to {SOLVED_RETURN}",
+    f"reach {SOLVED_RETURN}",
+    "IQM",
+    "diverged",
+)
+"""Columns of final returns that a narrow terminal leaves out, the first one first."""
+
+
 def _final_returns(frames: Frames) -> Table:
     """Returns the table of final returns: trained agents, then random and hand-written policies."""
     agents = frames.lead(frames.configurations)
-    columns = [
+    title = (
+        "Final returns by method" if frames.request.curves else f"Final {frames.returns} returns"
+    )
+    return Table(
+        "final_returns",
+        title,
+        _final_returns_caption(frames, agents),
+        _with_policies(agents, frames.baselines),
+        _final_returns_columns(frames),
+        spare=_SPARE_COLUMNS,
+    )
+
+
+def _final_returns_columns(frames: Frames) -> list[Column]:
+    """Returns the columns of the table of final returns."""
+    return [
         TASK,
         _agent(frames),
         OBSERVED,
@@ -119,27 +148,6 @@ def _final_returns(frames: Frames) -> Table:
         ),
         number("published median", "published"),
     ]
-    title = (
-        "Final returns by method" if frames.request.curves else f"Final {frames.returns} returns"
-    )
-    return Table(
-        "final_returns",
-        title,
-        _final_returns_caption(frames, agents),
-        _with_policies(agents, frames.baselines),
-        columns,
-        spare=(
-            "published median",
-            "detectable",
-            "draws",
-            "s",
-            "over the run",
-            f"steps to {SOLVED_RETURN}",
-            f"reach {SOLVED_RETURN}",
-            "IQM",
-            "diverged",
-        ),
-    )
 
 
 def _with_policies(agents: pd.DataFrame, policies: pd.DataFrame) -> pd.DataFrame:

@@ -108,7 +108,8 @@ def _line(task: Task) -> dict[str, str]:
     speed = task.speed
     left = task.time_remaining
     is_measured = speed is not None and left is not None
-    running = is_measured and not task.finished and not task.fields.get("warming_up")
+    is_over = task.finished or task.fields.get("has_ended", False)
+    running = is_measured and not is_over and not task.fields.get("warming_up")
     returns: LastReturns = task.fields.get("returns") or LastReturns()
     return {
         "name": task.description,

@@ -106,7 +106,12 @@ class TrainingView(Meters):
         if isinstance(event, Resumed):  # the speed is measured from here
             self.reset(self._all)
 
-        self.update(self._all, completed=sum(self._done.values()), description=self._count_ended())
+        self.update(
+            self._all,
+            completed=sum(self._done.values()),
+            description=self._count_ended(),
+            has_ended=len(self._ended) == len(self._runs),
+        )
         if process is not None:
             if isinstance(event, Resumed):
                 self.reset(process.task)
@@ -121,7 +126,11 @@ class TrainingView(Meters):
                 process.returns[run.id] = event.episode_return
                 process.curve.append(event.episode_return)
             self.show_done(
-                process.task, done, returns=process.learned(done), warming_up=process.warming_up
+                process.task,
+                done,
+                returns=process.learned(done),
+                warming_up=process.warming_up,
+                has_ended=all(other.id in self._ended for other in process.runs),
             )
 
 

@@ -128,6 +128,9 @@ def test_time_left_is_measured_from_the_first_update_on(tmp_path):
             clock.append(seconds)
             view.show(episode(run, steps, 5.0))
         assert all("1,000/s" in line and "left" in line for line in shown(view))
+        # It will not make the other 60,000 control steps.
+        view.show(Failed(run.id, "no luck"))
+        assert not any("left" in line or "/s" in line for line in shown(view))
 
 
 def test_many_seeds_are_shown_by_mean_and_extremes_and_several_cells_by_their_number(tmp_path):

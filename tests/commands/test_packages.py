@@ -20,6 +20,7 @@ from tests.command_line import SHORT, Process, jbench, succeed
 from tests.commands.distributions import install, make_importable
 from tests.short_episodes import shorten_episodes
 from tests.training.small_runs import resumed, rows
+from tests.user_code import words
 
 NAME = "random_search:RandomSearch"
 """The agent without its entry point."""
@@ -158,6 +159,25 @@ def test_runs_of_uninstalled_packages_are_listed_reported_and_verified(swept, ca
     error = refused("train", "--algo", "random-search", results=swept.path)
     assert "install the package of another agent, or type MODULE:CLASS." in error
     assert sorted(swept.path.rglob("*")) == before
+
+
+@pytest.mark.slow
+def test_edited_package_is_another_experiment(site, tmp_path, monkeypatch):
+    packages = tmp_path / "site-packages"
+    shutil.copytree(site, packages)
+    make_importable(packages, monkeypatch)
+    results = Results(tmp_path / "results")
+    training = typed("random-search", SETTINGS["random-search"], "0")
+    succeed(*training, results=results.path, short=True)
+    (before,) = results.scan("run")[0]
+    assert before.manifest.provenance["package"] == "random-search-agent 1.0"
+
+    module = packages / "random_search.py"
+    module.write_text(f"{module.read_text()}\n\nVERSION = 2\n")
+    printed = words(succeed(*training, results=results.path, short=True).stdout)
+    assert f"random_search.py has changed since the run {before.id} was recorded" in printed
+    assert len(results.scan("run")[0]) == 2
+    assert f"run {before.id}, of" in succeed("verify", results=results.path, short=True).stdout
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 
+import jbench
 from jbench.datasets import Dataset, collect
 from jbench.errors import WorkError
 from jbench.policies.evaluate import evaluate
@@ -36,7 +37,7 @@ def is_broken(seed):
 
 
 def run_of(seed, algo="td3", task=FRAGILE, **changes):
-    chosen = algorithm_settings(algo, "suite", {**SMALL, "gradient_steps": 1})
+    chosen = algorithm_settings("td3", "suite", {**SMALL, "gradient_steps": 1})
     about = {
         "task": task,
         "specs": find_task(task).specs,
@@ -120,6 +121,43 @@ def test_finished_episodes_of_stable_baselines3_are_kept(tmp_path):
         ending = rf"; the run had made ({made + 6}|{4 * EPISODE}) control steps\."
         assert re.fullmatch(ending, record.error[found.end() :])
     assert 0 < failed < 5
+
+
+class Still(jbench.Agent):
+    """It never moves the robot, and learns nothing."""
+
+    def __init__(self, settings, environment, seed, device):
+        self.weights = np.zeros((environment.action_size, environment.observation_size))
+
+    def explore(self, observations):
+        return self.act(observations)
+
+    def act(self, observations):
+        return observations @ self.weights.T
+
+    def learn(self, transition):
+        return {}
+
+
+def test_finished_episodes_of_an_agent_of_another_package_are_kept(tmp_path):
+    about = {"engine": "plugin", "algo": f"{__name__}:Still", "hyperparameters": {}}
+    runs = [run_of(seed, **about) for seed in range(5)]
+    results = Results(tmp_path)
+    failures = {}
+    for run in runs:
+        failures |= run_batch([run], results, final_episodes=1)
+    assert 0 < len(failures) < 5
+    for run in runs:
+        record = results.find("run", run.id)
+        if run.id not in failures:
+            assert (record.status, record.rows("episodes")) == ("finished", 4)
+            continue
+        assert record.status == "failed"
+        found = re.match(SENTENCE, record.error)
+        assert is_broken(int(found[1]))
+        made = record.rows("episodes") * EPISODE
+        ending = rf"; the run had made ({made + 7}|{4 * EPISODE}) control steps\."
+        assert re.fullmatch(ending, record.error[found.end() :])
 
 
 def test_agent_of_stable_baselines3_that_diverges_is_called_so(tmp_path):

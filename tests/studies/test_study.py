@@ -3,7 +3,7 @@
 import pytest
 
 from jbench.errors import RequestError
-from jbench.names import SWEEPS
+from jbench.names import SWEEPS, TASKS
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.run import RunSettings
 from jbench.studies.arms import arms, run_key
@@ -148,6 +148,13 @@ def test_shipped_studies_spend_no_more_than_their_error_rate():
     assert {*studies} <= {*SWEEPS}
     for comparisons in studies.values():
         assert 0 < sum(comparison.share for comparison in comparisons) < 0.05 + 1e-9
+
+
+def test_studies_of_other_robots_are_left_out_where_none_of_their_tasks_was_trained():
+    on_robots = {*shipped_studies()} - {*shipped_studies(TASKS)}
+    assert on_robots == {"robots"}
+    assert {*shipped_studies({"gym:Hopper-v5"})} == {"robots"}
+    assert shipped_studies({"move_to_pose"}) == {}
 
 
 def test_without_a_list_representations_are_compared_with_baselines_of_their_features(tmp_path):

@@ -62,9 +62,10 @@ def planned_comparisons(
 ) -> list[list[StudyComparison]]:
     """Returns the comparisons of studies by name, once for each source of runs.
 
-    Without studies, they are the shipped ones.
+    Without studies, they are the shipped ones on the tasks of the configurations.
     """
-    studies = shipped_studies() if studies is None else studies
+    if studies is None:
+        studies = shipped_studies({config.task for config in configurations})
     found = []
     for source in dict.fromkeys(config.source for config in configurations):
         by_key = _by_key([config for config in configurations if config.source == source])

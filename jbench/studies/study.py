@@ -2,20 +2,19 @@
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from itertools import product
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
 from jbench.errors import RequestError
-from jbench.names import FULL, MAX_SEEDS, SWEEPS, Base, features_in, kind_in, known
+from jbench.names import FULL, MAX_SEEDS, Base, features_in, kind_in, known
 from jbench.settings.base import Count, Seed, Settings, canonical_json, validated, whole
 from jbench.settings.recorded import SEED, alike, with_implied
 from jbench.statistics.sequential import BLOCK, ERROR_RATE
 from jbench.studies.arms import Arm, arms, short_name
 from jbench.studies.file import named, read_file, tables
-from jbench.studies.matrix import COMPARISON, Parts, encoder_seed, read_matrix
+from jbench.studies.matrix import COMPARISON, Parts, encoder_seed
 
 SCALED = "scaled"
 RAW = "raw"  # the observation in SI units
@@ -127,32 +126,6 @@ def read_entries(name: str) -> dict[str, Entry]:
         where: entry.model_copy(update={"share": entry.share or equal})
         for where, entry in entries.items()
     }
-
-
-def shipped_studies(tasks: Collection[str] | None = None) -> dict[str, list[PlannedComparison]]:
-    """Returns the comparisons of the shipped files that list some, by the names of the files.
-
-    With tasks, they are those of the files that compare agents on one of them: the robots of other
-    tasks would have to be made, which takes a second.
-    """
-    listed = {name: {entry.task for entry in _shipped_entries(name).values()} for name in SWEEPS}
-    return {
-        name: _shipped_study(name)
-        for name, of_study in listed.items()
-        if of_study and (tasks is None or not of_study.isdisjoint(tasks))
-    }
-
-
-@cache
-def _shipped_entries(name: str) -> dict[str, Entry]:
-    """Returns the comparisons that a shipped file lists, if any."""
-    return read_entries(name)
-
-
-@cache
-def _shipped_study(name: str) -> list[PlannedComparison]:
-    """Returns the comparisons of a shipped file with their arms."""
-    return planned(read_matrix(name), _shipped_entries(name))
 
 
 def planned(

@@ -12,7 +12,8 @@ from jbench.report.data.configuration import ID, Configuration
 from jbench.returns import EVALUATION, TRAINING, final_return, mean_over_run
 from jbench.studies.arms import Arm, run_key
 from jbench.studies.deciding import decide, decided_word
-from jbench.studies.study import PlannedComparison, shipped_studies
+from jbench.studies.shipped import shipped_studies
+from jbench.studies.study import PlannedComparison
 
 DECISIONS = [
     *ID,

@@ -160,10 +160,29 @@ def _weights(
     try:
         with sentence_about(settings.kind, "encode or decode"):
             SavedEncoder(kind, weights, states.scaling, settings.latents, states.is_observed)
+            _check_types(settings.kind, kind, weights, states)
     except ValueError as error:
         raise WorkError(f"The encoder {settings.id} can't be used: {error}.") from None
 
     return weights
+
+
+def _check_types(name: str, kind: Kind, weights: WeightArrays, states: States) -> None:
+    """Raises a WorkError if `encode` or `decode` make anything but tensors of tensors."""
+    tensors = {key: torch.from_numpy(value).to(states.device) for key, value in weights.items()}
+    scaled = next(state_pairs([states.sample], 0)).now[:2]
+    latents = kind.encode(tensors, scaled)
+    made = {"encode": latents}
+    if isinstance(latents, torch.Tensor):
+        made["decode"] = kind.decode(tensors, latents)
+
+    for method, values in made.items():
+        if not isinstance(values, torch.Tensor):
+            raise WorkError(
+                f"The kind of encoder {name} can't be used: {method} gets a torch.Tensor during "
+                f"training and returns a {type(values).__module__}.{type(values).__name__}; use "
+                "operations that both types have (docs/your-own-encoder.md)."
+            )
 
 
 def _fitted(settings: EncoderSettings, kind: Kind, states: States) -> WeightArrays:

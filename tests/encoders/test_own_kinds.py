@@ -24,6 +24,7 @@ PAGE = "your-own-encoder.md"
 
 MISTAKES = """
 from jbench.encoders.kind import Fitted
+import numpy as np
 import torch
 
 class Nothing(Fitted): pass
@@ -37,6 +38,10 @@ class Fit(Fitted):
         return {"mean": states.means}
     def encode(self, weights, scaled):
         return scaled - weights["mean"]
+
+class Arrays(Fitted):
+    def encode(self, weights, scaled):
+        return np.concatenate([scaled[..., :2], np.asarray(scaled)[..., 4:5]], axis=-1)
 
 class Texts:
     pass
@@ -126,6 +131,13 @@ def test_mistake_is_one_sentence_before_anything_is_trained(mine, kind, error, m
 def test_error_of_fit_is_named(mine, trained, results):
     settings = encoder_settings("mine:Fit", {}, dataset=trained.dataset.id, latents=16, seed=2)
     with pytest.raises(WorkError, match=r"mine:Fit can't be used: fit fails \(AttributeError"):
+        train_encoder(settings, States(trained.dataset, TASK, 2), results)
+
+
+def test_numpy_array_for_a_torch_tensor_is_refused(mine, trained, results):
+    settings = encoder_settings("mine:Arrays", {}, dataset=trained.dataset.id, latents=3, seed=2)
+    message = r"mine:Arrays can't be used: encode gets a torch.Tensor .* returns a numpy.ndarray;"
+    with pytest.raises(WorkError, match=message):
         train_encoder(settings, States(trained.dataset, TASK, 2), results)
 
 

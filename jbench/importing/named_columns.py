@@ -194,7 +194,7 @@ def _usual(column: str) -> str:
 def _only_returns(
     table: pd.DataFrame, metric: str, file: tables.ImportedFile
 ) -> tuple[pd.DataFrame, list[str]]:
-    """Returns the rows of the only metric that is a return, and a note on the others."""
+    """Returns the rows of the only metric that is a return, and a note if there may be doubt."""
     metrics = [str(name) for name in table[metric].unique()]
     known = [name for name in metrics if _usual(name) in _NAMES["return"]]
     # In a group of a tracker, such as eval/return.
@@ -208,5 +208,9 @@ def _only_returns(
         )
 
     others = [name for name in metrics if name != chosen[0]]
-    notes = [f"Of the metrics in {file.path.name}, {chosen[0]} is shown."] if others else []
+    notes = []
+    if others:
+        notes.append(f"Of the metrics in {file.path.name}, {chosen[0]} is shown.")
+    elif not known:
+        notes.append(f"{file.path.name} has one metric, {chosen[0]}, which is taken for the return.")
     return table[table[metric] == chosen[0]], notes

@@ -428,6 +428,16 @@ def test_several_metrics_that_may_be_returns_are_refused(tmp_path):
         read_curves(written(tmp_path / "c.csv", text))
 
 
+@pytest.mark.parametrize(("metric", "noted"), [("critic_loss", True), ("avg_return", False)])
+def test_only_metric_is_shown_and_noted_unless_it_is_a_return(metric, noted, tmp_path):
+    text = SIMBA.replace("avg_return", metric)
+    rows = [line for line in text.splitlines() if "success" not in line]
+    read = read_curves(written(tmp_path / "c.csv", "\n".join(rows)))
+    assert read.points["return"].tolist() == [0.5, 10.5]
+    note = "c.csv has one metric, critic_loss, which is taken for the return."
+    assert (note in read.notes) == noted
+
+
 @pytest.mark.parametrize("metric", ["eval/avg_return", "eval_return", "test/eval_episode_reward"])
 def test_metric_in_a_group_of_a_tracker_is_a_return(metric, tmp_path):
     text = SIMBA.replace("avg_return", metric)

@@ -212,5 +212,5 @@ def _only_returns(
     if others:
         notes.append(f"Of the metrics in {file.path.name}, {chosen[0]} is shown.")
     elif not known:
-        notes.append(f"{file.path.name} has one metric, {chosen[0]}, which is taken for the return.")
+        notes.append(f"{file.path.name} has one metric, {metrics[0]}, taken for the return.")
     return table[table[metric] == chosen[0]], notes

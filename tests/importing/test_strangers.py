@@ -434,7 +434,7 @@ def test_only_metric_is_shown_and_noted_unless_it_is_a_return(metric, noted, tmp
     rows = [line for line in text.splitlines() if "success" not in line]
     read = read_curves(written(tmp_path / "c.csv", "\n".join(rows)))
     assert read.points["return"].tolist() == [0.5, 10.5]
-    note = "c.csv has one metric, critic_loss, which is taken for the return."
+    note = "c.csv has one metric, critic_loss, taken for the return."
     assert (note in read.notes) == noted
 
 

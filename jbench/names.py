@@ -210,6 +210,14 @@ def known(what: str, value: str, names: Sequence[_Name]) -> _Name:
     raise RequestError(f"Unknown {what} {value!r}; {hint} {in_prose(names)}.")
 
 
+def shown_as(shortened: str, names: Iterable[str]) -> list[str]:
+    """Returns the names that a table shows as a text with … in place of a part; else none."""
+    if "…" not in shortened:
+        return []
+    pattern = ".*".join(map(re.escape, shortened.split("…")))
+    return [name for name in names if re.fullmatch(pattern, name)]
+
+
 def closest(value: str, names: Sequence[str]) -> str | None:
     """Returns the name that was probably meant, also by its initials: lr is learning_rate."""
     # As stable-baselines3 describes the networks.

@@ -4,7 +4,7 @@ from difflib import get_close_matches
 from typing import NamedTuple
 
 from jbench.errors import RequestError
-from jbench.names import REFERENCE
+from jbench.names import REFERENCE, shown_as
 from jbench.policies.saved import has_policy
 from jbench.store import Results
 from jbench.store.shipped import LEFT_OUT, shipped_results
@@ -37,7 +37,7 @@ def locate_run(results: Results, name: str) -> LocatedRun:
         return LocatedRun(results, results.complete_id("run", name))
 
     names = shipped_policies()
-    matches = [shipped for shipped in names if shipped.startswith(name)]
+    matches = [shipped for shipped in names if shipped.startswith(name)] or shown_as(name, names)
     if len(matches) == 1:
         return LocatedRun(shipped_results(), matches[0].removeprefix(SHIPPED))
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 
 from jbench.errors import RequestError, WorkError
-from jbench.names import closest
+from jbench.names import closest, shown_as
 from jbench.store import files
 from jbench.store.code import date_of
 from jbench.store.manifest import ID, MANIFEST, Json, Manifest, RecordKind
@@ -86,10 +86,14 @@ class Results:
     def complete_id(self, kind: RecordKind, text: str) -> str:
         """Returns the id of the only record whose id begins with a text; else the text itself.
 
-        The text may also be the path of the record's directory. Raises a RequestError if it is no
-        part of an id, or the beginning of several ids.
+        The text may also be the path of the record's directory, or an id as a narrow table shows
+        it, such as face_direction/ddpg/dae12…s00-1f9a2c4e. Raises a RequestError if it is no part
+        of an id, or means several ids.
         """
         text = text.rstrip("/")
+        if "…" in text:
+            return self._whole_id(kind, text)
+
         root = (self.path / f"{kind}s").resolve()
         if root in Path(text).resolve().parents:
             text = Path(text).resolve().relative_to(root).as_posix()
@@ -103,6 +107,15 @@ class Results:
             raise RequestError(f"Several {kind}s begin with {text}: {some}{more}; type more of it.")
 
         return found[0].id if found else text
+
+    def _whole_id(self, kind: RecordKind, shortened: str) -> str:
+        """Returns the id that a table shows shortened; a RequestError unless it is the only one."""
+        ids = shown_as(shortened, sorted(record.id for record in self.scan(kind)[0]))
+        if len(ids) == 1:
+            return ids[0]
+
+        meant = f"several {kind}s are: {', '.join(ids)}" if ids else f"no {kind} is"
+        raise RequestError(f"{shortened} is short for an id, and {meant}; type a whole id.")
 
     def no_run(self, id: str) -> RequestError:
         """Returns the error for an id of which there is no run; it names the most similar one."""

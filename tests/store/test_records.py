@@ -119,6 +119,19 @@ def test_missing_results_directory_reads_as_empty(tmp_path):
     assert not (tmp_path / "missing").exists()
 
 
+def test_id_that_a_table_has_shortened_is_completed(results):
+    for id in ("a/td3/s00-11", "a/td3/s01-22", "a/sac/s00-33"):
+        results.create("run", id, {})
+    assert results.complete_id("run", "a…s01-22") == "a/td3/s01-22"
+    assert results.complete_id("run", "a/t…-11") == "a/td3/s00-11"
+    with pytest.raises(RequestError, match=r"several runs are: a/sac/s00-33, a/td3/s00-11; type"):
+        results.complete_id("run", "a…s00-…")
+    with pytest.raises(
+        RequestError, match=r"a…-99 is short for an id, and no run is; type a whole"
+    ):
+        results.complete_id("run", "a…-99")
+
+
 def test_unique_prefix_of_id_is_completed(results, monkeypatch):
     for id in ("a/td3/s00-11", "a/td3/s01-22", "a/sac/s00-33", "a/td3/s00"):
         results.create("run", id, {})

@@ -1,6 +1,7 @@
 """Writing an archive: records without checkpoints, a report of them, what repeats them, one zip."""
 
 import io
+import re
 import tempfile
 import zipfile
 from collections.abc import Iterator
@@ -45,6 +46,10 @@ class Archived(NamedTuple):
     records: int
     bytes: int
     left_out: list[str]
+
+
+_ELEMENT = re.compile(r"</?[A-Za-z][\w:.-]*")
+"""The name of an element of XML or HTML, such as cc:Work, which names nobody."""
 
 
 def write_archive(results: Results, out: Path, blind: bool = False) -> Archived:
@@ -184,9 +189,9 @@ def leaks(archive: bytes, words: set[str]) -> Iterator[tuple[str, str]]:
 
 
 def _texts(name: str, content: bytes) -> Iterator[str]:
-    """Yields all texts of a file, decompressed."""
-    yield content.decode("latin-1")
-    yield content.decode(errors="replace")
+    """Yields all texts of a file, decompressed; those of a page or drawing without its markup."""
+    for text in (content.decode("latin-1"), content.decode(errors="replace")):
+        yield _ELEMENT.sub("<", text) if name.endswith((".svg", ".html")) else text
     if name.endswith(".parquet"):
         rows = pq.ParquetFile(io.BytesIO(content))
         yield str(rows.schema_arrow.metadata)

@@ -242,3 +242,12 @@ def test_results_without_runs_are_refused(tmp_path, refused):
     (tmp_path / "empty").mkdir()
     assert "has no finished run" in refused("archive", tmp_path / "empty", "--out", tmp_path / "a")
     assert "not both" in refused("archive", "mine", "--results", "theirs")
+
+
+def test_names_of_elements_of_a_drawing_name_nobody():
+    drawing = b'<svg><cc:Work rdf:about="work">work of ada</cc:Work></svg>'
+    boilerplate = b"<metadata><cc:Work><dc:type/></cc:Work></metadata>"
+    with zipfile.ZipFile(sink := io.BytesIO(), "w") as archive:
+        archive.writestr("a.svg", drawing)
+        archive.writestr("b.svg", boilerplate)
+    assert {*leaks(sink.getvalue(), {"work", "ada"})} == {("a.svg", "work"), ("a.svg", "ada")}

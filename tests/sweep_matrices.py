@@ -49,6 +49,15 @@ n_steps = 128
 """,
 }
 
+TINY_TD3 = """
+[hyperparameters.td3]
+hidden_layers = [8]
+batch_size = 8
+learning_starts = 20
+train_freq = 20
+gradient_steps = 1
+"""
+"""For runs of a few hundred control steps."""
 
 DEFAULTS = {"algos": '"td3"', "representations": '"full"', "seeds": "0-1"}
 DEFAULTS["steps"] = 2000

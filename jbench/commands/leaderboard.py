@@ -50,11 +50,14 @@ def leaderboard(
     # A directory may be typed twice, also by two paths.
     read = list({database.path.resolve(): database for database in named}.values())
     databases = {str(database.name): database for database in read}
+    if algo not in (None, names.HEURISTIC):
+        algo = parsing.known_or_held("algo", algo, read)
+
     request = validated(
         Request,
         "the leaderboard",
         task=task and parsing.known_or_held("task", task, read),
-        algo=algo if algo in (None, names.HEURISTIC) else parsing.known_or_held("algo", algo, read),
+        algo=algo,
         returns=returns,
     )
     ranked, problems = ranked_configurations(databases, request)

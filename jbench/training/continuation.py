@@ -23,7 +23,7 @@ from jbench.tasks.find import find_task
 def kept_runs(run: RunSettings, results: Results, *free: str) -> list[Record]:
     """Returns the runs whose state a run can continue: finished ones, as `shorter_runs` does.
 
-    A run that goes on with changed code also continues the run of the code before.
+    A run whose changed code was accepted also continues the run of the code before.
     """
     origins = list[Record]()
     if run.accepted is not None:

@@ -37,7 +37,7 @@ class Member:
     def fail(self, error: Exception) -> None:
         """Records an error that ended the training, as far as its record can be written.
 
-        At a full disk, the run has not failed: with room, the same command goes on.
+        A full disk does not fail the run: once there is room, the same command resumes it.
         """
         self.failure = error
         with contextlib.suppress(WorkError):

@@ -47,7 +47,7 @@ def stop(terminal, when):
 
 
 def has_checkpoint(results, kind, count=1):
-    """Returns whether so many unfinished records have something to resume from."""
+    """Returns whether this number of records have a checkpoint to resume from."""
     records, _ = Results(results).scan(kind)
     return sum(bool(record.roles()) for record in records) >= count
 

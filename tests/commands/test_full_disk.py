@@ -11,6 +11,7 @@ from jbench.store.verify import verify
 from tests.command_line import Process, jbench, succeed, train
 from tests.store.store_rows import RUN_SETTINGS
 from tests.store.store_whole import add
+from tests.sweep_matrices import TINY_TD3
 
 DISK = 64 << 20
 """Bytes of the disk, of which a test leaves little free."""
@@ -31,13 +32,6 @@ seeds = "0"
 steps = 200
 dataset.steps = 2000
 evaluation.episodes = 1
-
-[hyperparameters.td3]
-hidden_layers = [8]
-batch_size = 8
-learning_starts = 20
-train_freq = 20
-gradient_steps = 1
 """
 
 
@@ -50,7 +44,7 @@ class Disk:
         self._ballast = path / "ballast"
 
     def fill(self, free):
-        """Leaves so many bytes free."""
+        """Leaves this number of bytes free."""
         room = os.statvfs(self.path).f_bavail * PIECE
         with self._ballast.open("wb") as file:
             os.posix_fallocate(file.fileno(), 0, room - free)
@@ -81,7 +75,7 @@ def made(tmp_path_factory):
     results = tmp_path_factory.mktemp("made") / "results"
     succeed(*COLLECT, results=results, short=True)
     succeed(*TRAIN, results=results, short=True)
-    (results.parent / "own.toml").write_text(MATRIX)
+    (results.parent / "own.toml").write_text(MATRIX + TINY_TD3)
     return results
 
 

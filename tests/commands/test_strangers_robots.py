@@ -10,6 +10,7 @@ from jbench.cli import app
 from jbench.store import Results
 from jbench.tasks.find import find_task
 from tests.command_line import TRAINING, jbench
+from tests.sweep_matrices import TINY_TD3
 
 ROBOTS = {
     "gym:Hopper-v5,max_episode_steps=60": 120,
@@ -32,12 +33,6 @@ every = {steps}
 episodes = 1
 [dataset]
 steps = {steps}
-[hyperparameters.td3]
-hidden_layers = [8]
-batch_size = 8
-learning_starts = 20
-train_freq = 20
-gradient_steps = 1
 """
 
 
@@ -72,7 +67,7 @@ def test_every_command_takes_the_robot(task, tmp_path):
     for algo, encoder in (("td3", "none"), ("sac", "dae3"), ("ppo", "pca4")):
         chosen = ("--algo", algo, "--encoder", encoder, "--seeds", "0", *TRAINING[algo])
         typed("train", *about, *chosen, *evaluated)
-    (tmp_path / "robot.toml").write_text(MATRIX.format(task=task, steps=steps))
+    (tmp_path / "robot.toml").write_text(MATRIX.format(task=task, steps=steps) + TINY_TD3)
     typed("sweep", "robot.toml", "--only", f"{task},td3")
 
     runs = {record.id.split("/", 1)[1].split("/s")[0]: record for record in results.scan("run")[0]}

@@ -36,6 +36,16 @@ def is_broken(seed):
     return state.uniform() < 0.2
 
 
+def check_failed(record):
+    """Asserts that a run failed in a broken episode, and keeps those before it."""
+    assert record.status == "failed"
+    found = re.match(SENTENCE, record.error)
+    assert is_broken(int(found[1]))
+    made = record.rows("episodes") * EPISODE  # control steps
+    ending = rf"; the run had made ({made + 7}|{4 * EPISODE}) control steps\."
+    assert re.fullmatch(ending, record.error[found.end() :])
+
+
 def run_of(seed, algo="td3", task=FRAGILE, **changes):
     chosen = algorithm_settings("td3", "suite", {**SMALL, "gradient_steps": 1})
     about = {
@@ -64,13 +74,7 @@ def test_seed_whose_episode_breaks_fails_and_the_others_go_on(tmp_path):
         if run.id not in failures:
             assert record.rows("episodes") == 4
             continue
-        assert record.status == "failed"
-        found = re.match(SENTENCE, record.error)
-        assert is_broken(int(found[1]))
-        # The episodes before the broken one are kept, each of 20 control steps.
-        made = record.rows("episodes") * EPISODE
-        ending = rf"; the run had made ({made + 7}|{4 * EPISODE}) control steps\."
-        assert re.fullmatch(ending, record.error[found.end() :])
+        check_failed(record)
         assert record.manifest.summary["episode_failed"]["step"] == 7
 
 
@@ -152,12 +156,7 @@ def test_finished_episodes_of_an_agent_of_another_package_are_kept(tmp_path):
         if run.id not in failures:
             assert (record.status, record.rows("episodes")) == ("finished", 4)
             continue
-        assert record.status == "failed"
-        found = re.match(SENTENCE, record.error)
-        assert is_broken(int(found[1]))
-        made = record.rows("episodes") * EPISODE
-        ending = rf"; the run had made ({made + 7}|{4 * EPISODE}) control steps\."
-        assert re.fullmatch(ending, record.error[found.end() :])
+        check_failed(record)
 
 
 def test_agent_of_stable_baselines3_that_diverges_is_called_so(tmp_path):

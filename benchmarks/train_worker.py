@@ -14,6 +14,7 @@ import os
 import sys
 import time
 from collections.abc import Callable
+from threading import Semaphore, Thread
 from typing import Any
 
 WARM_UP = 270  # control steps of each seed; updates begin after 256
@@ -78,17 +79,25 @@ def in_turn(runs: list[Run]) -> Run:
 
 
 def library(agent: Any, seed: int) -> Run:
-    """Returns training of an agent of stable-baselines3 or SBX, which have the same interface."""
+    """Returns training of an agent of stable-baselines3 or SBX, which have the same interface.
+
+    `learn` runs in a thread and pauses between two control steps. An agent whose `learn` is ended
+    and called again would lose the transition of that control step, and PPO its rollout.
+    """
     import numpy as np
     from stable_baselines3.common.callbacks import BaseCallback
 
-    class Until(BaseCallback):
-        """Stops after some seconds and control steps; keeps the episodes."""
+    go = Semaphore(0)
+    paused = Semaphore(0)
+
+    class Pauses(BaseCallback):
+        """Pauses after some seconds and control steps; keeps the episodes."""
 
         def __init__(self) -> None:
             super().__init__()
-            self.episodes, self.returns = Episodes(), np.zeros(agent.n_envs)
-            self.end, self.steps = 0.0, WARM_UP
+            self.episodes = Episodes()
+            self.returns = np.zeros(agent.n_envs)
+            self.end = 0.0
 
         def _on_step(self) -> bool:
             self.returns += self.locals["rewards"]
@@ -96,15 +105,32 @@ def library(agent: Any, seed: int) -> Run:
             at = seed, self.num_timesteps
             self.episodes.extend((*at, float(self.returns[i])) for i in ended)
             self.returns[ended] = 0
-            return self.num_timesteps < self.steps or time.perf_counter() < self.end
 
-    until = Until()
-    agent.learn(10**12, until, log_interval=None)
+            if self.num_timesteps >= WARM_UP and time.perf_counter() >= self.end:
+                paused.release()
+                go.acquire()
+            return True
+
+    pauses = Pauses()
+
+    def learn() -> None:
+        try:
+            agent.learn(10**12, pauses, log_interval=None)
+        finally:
+            paused.release()
+
+    thread = Thread(target=learn, daemon=True)
+    thread.start()
+    paused.acquire()
 
     def run(seconds: float) -> tuple[int, int, Episodes]:
-        first, until.end = agent.num_timesteps, time.perf_counter() + seconds
-        agent.learn(10**12, until, log_interval=None, reset_num_timesteps=False)
-        return agent.num_timesteps - first, agent.num_timesteps, until.episodes
+        first = agent.num_timesteps
+        pauses.end = time.perf_counter() + seconds
+        go.release()
+        paused.acquire()
+        if agent.num_timesteps == first:
+            raise SystemExit("The training has ended with an error; see above.")
+        return agent.num_timesteps - first, agent.num_timesteps, pauses.episodes
 
     return run
 

@@ -11,6 +11,7 @@ from itertools import combinations, pairwise
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.stats import trim_mean
 
@@ -189,6 +190,9 @@ def test_all_differences(returns):
     chosen = [f"{TASKS[0]}`, TD3", "planar", "scaled"]
     p = next(row[-1] for row in rows if row[:3] == chosen)
     assert f"p is {float(p):.2f}, corrected" in text_of("answer-details")
+    chosen = [f"{TASKS[0]}`, DDPG", "dae12", "full"]
+    p = next(row[-1] for row in rows if row[:3] == chosen)
+    assert f"is lower than with `full`: p is {p}, corrected" in text_of("answer-details")
 
 
 def p_value(ours, theirs):
@@ -217,24 +221,61 @@ def test_verdicts_on_the_papers_claims(returns):
         latents, full = (returns["evaluation", algo, task, name] for name in ("dae12", "full"))
         assert interval(iqm, latents.final, full.final, confidence=0.9)[1] < -50
         assert interval(iqm, latents.area, full.area)[1] < 0
-    assert similar[1].startswith("contradicted: it is lower")
-    assert faster[1].startswith("contradicted: they learn more slowly")
-
-    wanted = {"representation": "dae12", "against": "full", "returns": "evaluation"}
-    verdicts = chosen_from(shipped().verdicts, claim="b", **wanted)
-    assert {*verdicts["verdict"]} == {"undecided"}
+    verdicts = chosen_from(shipped().verdicts, representation="dae12", against="full")
+    found = {
+        claim: {f"{row.returns}, {row.algo}": row.verdict for row in rows.itertuples()}
+        for claim, rows in verdicts.drop_duplicates(["algo", "returns", "claim"]).groupby("claim")
+    }
+    assert found["a"] == {
+        "evaluation, TD3": "lower",
+        "evaluation, DDPG": "undecided",
+        "training, TD3": "lower",
+        "training, DDPG": "lower",
+    }
+    assert similar[1] == "contradicted: it is lower; with DDPG by training returns only"
+    assert {*found["b"].values()} == {"undecided"}
     assert variable[1] == "not decided"
+    assert {*found["c"].values()} == {"slower"}
+    assert faster[1] == "contradicted: they learn more slowly"
+    by_task = verdicts.groupby(["algo", "returns", "claim"])["verdict"]
+    assert set(by_task.nunique()) == {1}
 
-    wanted = {"representation": "dae12-script", "against": "raw", "returns": "evaluation"}
-    verdicts = chosen_from(shipped().verdicts, **wanted)
-    found = {row.claim: row for row in verdicts.itertuples()}
-    assert [found[claim].verdict for claim in "abc"] == ["undecided", "undecided", "faster"]
-    similarity = found["a"]
+    verdicts = chosen_from(shipped().verdicts, representation="dae12-script", against="raw")
+    found = {(row.returns, row.claim): row for row in verdicts.itertuples()}
+    by_evaluation = [found["evaluation", claim].verdict for claim in "abc"]
+    assert by_evaluation == ["undecided", "undecided", "faster"]
+    by_training = [found["training", claim].verdict for claim in "abc"]
+    assert by_training == ["undecided", "less variable", "undecided"]
+    similarity = found["evaluation", "a"]
     ends = f"{similarity.corrected_low:+.0f} to {similarity.corrected_high:+.0f}"
     assert similar[2] == f"not decided: {ends}"
-    assert variable[2].startswith("not decided; without a correction")
-    assert found["b"].high < 0
-    assert faster[2] == "supported: they learn faster"
+    assert variable[2] == "not decided; supported by training returns"
+    assert faster[2] == "supported: they learn faster; not decided by training returns"
+
+
+def test_verdicts_on_training_returns():
+    keys = ["algo", "words", "representation", "against", "claim"]
+    verdicts = shipped().verdicts
+    assert not verdicts.duplicated(["task", "returns", *keys]).any()
+    rows = verdicts.pivot(index=["task", *keys], columns="returns", values="verdict")
+    rows = rows[rows["evaluation"] != rows["training"]].reset_index()
+    assert {*rows["task"]} == {TASKS[0]}
+
+    of = {"a": "the final return", "b": "variability", "c": "learning speed"}
+    agents = {"": "", "settings=figure8": ", `figure8"}
+    assert table("docs/answer-details.md", "training returns") == [
+        [
+            row.algo + agents[row.words],
+            row.representation,
+            row.against,
+            of[row.claim],
+            row.evaluation,
+            row.training,
+        ]
+        for row in rows.itertuples()
+    ]
+    assert len(rows) == 8
+    assert "In eight comparisons, all on `face_direction`," in text_of("answer-details")
 
 
 def test_forward_is_similar_to_scaled(finals):
@@ -268,12 +309,24 @@ def shipped():
     return Frames(shipped_results())
 
 
-def decision(task, representation, against, verdict="lower"):
-    """Returns the text of a verdict of the sequential test, such as `-20 [-30, -10]`."""
-    chosen = {"task": task, "representation": representation, "against": against}
+def decided(task, representation, against, claim="a"):
+    """Returns the row of the sequential test on two representations."""
+    chosen = {"task": task, "representation": representation, "against": against, "claim": claim}
     (row,) = chosen_from(shipped().decisions, **chosen).itertuples()
-    assert row.verdict == verdict
+    return row
+
+
+def difference_of(row):
+    """Returns the difference of means of a row of `decided`, with its interval."""
     return f"{row.difference:+.0f} [{row.low:+.0f}, {row.high:+.0f}]"
+
+
+def test_decisions_of_the_sequential_test():
+    rows = table("docs/answer-details.md", "difference of final returns")
+    assert len(rows) == 7
+    for task, name, against, *shown in rows:
+        row = decided(task, name, against)
+        assert shown == [difference_of(row), row.verdict]
 
 
 def test_what_makes_the_latents_of_the_autoencoder_useful(finals):
@@ -282,11 +335,9 @@ def test_what_makes_the_latents_of_the_autoencoder_useful(finals):
     assert (len(plain), len(whitened), (whitened > plain.max()).sum()) == (10, 10, 9)
     for ends in (plain, whitened, *scaled):
         assert f"({ends.min():.0f} to {ends.max():.0f})" in text_of("answer-details")
-    gain = decision(TASKS[0], "dae-yaw13", "dae12", "higher")
-    assert f"the latents alone: {gain} by the sequential test" in text_of("answer-details")
-    both = (decision(TASKS[0], name, "scaled") for name in ("dae-yaw13", WHITENED))
-    said = "less than with `scaled`: {} with the yaw rate, and {} with scale and whitening"
-    assert said.format(*both) in text_of("answer-details")
+    verdicts = [decided(TASKS[0], name, "scaled").verdict for name in ("dae-yaw13", WHITENED)]
+    assert verdicts == ["lower", "lower"]
+    assert decided(TASKS[0], "dae-yaw13", "dae12").verdict == "higher"
 
 
 def test_whether_agents_vary_less(returns):
@@ -302,6 +353,21 @@ def test_whether_agents_vary_less(returns):
         [algo, name, against, f"[{low:+.0f}, {high:+.0f}]", verdict]
         for algo, name, against, low, high, verdict in rows[columns].itertuples(index=False)
     ]
+
+    by_training = chosen_from(shipped().verdicts, returns="training", claim="b")
+    by_training = by_training[~by_training["verdict"].isin(["undecided", None])]
+    pairs = by_training[["algo", "representation", "against", "verdict"]]
+    assert {*pairs.itertuples(index=False, name=None)} == {
+        ("DDPG", "dae12-script", "raw", "less variable"),
+        ("TD3", WHITENED, "full", "more variable"),
+        *(("TD3", *pair, "more variable") for pair in more),
+    }
+    assert "By training returns, the report decides five comparisons: the last three" in text_of(
+        "answer-details"
+    )
+    decided_by_both = pd.concat([rows, by_training])["verdict"]
+    assert dict(decided_by_both.value_counts()) == {"more variable": 7, "less variable": 2}
+    assert "nine verdicts" in re.sub(r"\[|\]\([^)]*\)", "", text_of("answer"))
 
     (corrected,) = {*rows["corrected_by"]}
     comparisons = re.search(r"\d+", corrected)[0]
@@ -319,9 +385,8 @@ def test_planar_coordinates_help_by_what_they_leave_out(finals):
     planar, heading, full = finals(TASKS[1], "planar", "heading", "full")
     assert (len(heading), (planar > heading.max()).sum()) == (10, 7)
     assert abs(iqm(heading) - iqm(full)) < 50
-    tested = decision(TASKS[1], "heading", "planar")
-    said = f"less with `heading` than with `planar` on `{TASKS[1]}`: {tested}."
-    assert f"By the sequential test, TD3 gets {said}" in text_of("answer-details")
+    assert decided(TASKS[1], "heading", "planar").verdict == "lower"
+    assert decided(TASKS[1], "heading", "full").verdict == "undecided"
 
 
 def test_mirror_symmetry(returns):
@@ -329,25 +394,16 @@ def test_mirror_symmetry(returns):
     pair = [TASKS[0], "planar-mirror", "scaled"]
     ((*_, at_end, _, p),) = (r for r in rows if [configuration(r[0])[1], *r[1:3]] == pair)
     text = text_of("answer-details")
-    assert f"is higher than with `scaled`: {at_end} (p {p}). Whether" in text
-    tested = [decision(task, "planar-mirror", "planar", "undecided") for task in TASKS]
-    assert "sequential test: {} and, on `move_in_direction`, {}.".format(*tested) in text
+    assert f"is higher than with `scaled`: {at_end} (p {p}). On" in text
     area = {key[2:]: runs.area for key, runs in returns.items() if key[:2] == ("evaluation", "td3")}
     said = (
-        re.search(r"over the run ([^)]*)\)", text),
+        re.search(r"over the run, the difference is ([^.]*)\.", text),
         re.search(r"run is undecided: (.*?) against", text),
     )
     faster, *others = re.findall(r"[-+]\d+ \[[^]]*\]", " ".join(found[1] for found in said))
     assert_agrees(faster, iqm, *(area[TASKS[1], name] for name in ("planar-mirror", "planar")))
     for task, shown in zip(TASKS, others, strict=True):
         assert_agrees(shown, iqm, area[task, "planar, mirror=true"], area[task, "planar"])
-
-
-def test_heading_of_the_easier_task(finals):
-    heading, scaled = finals(TASKS[0], "heading", "scaled")
-    assert abs(iqm(heading) - iqm(scaled)) < 20
-    tested = decision(TASKS[0], "heading", "planar", "undecided")
-    assert f"On `{TASKS[0]}` this is undecided: {tested}." in text_of("answer-details")
 
 
 def test_planar_without_the_yaw_rate(finals):
@@ -485,6 +541,7 @@ def test_what_the_agents_of_figure_7_learn(ddpg_evaluations):
     assert [learned.sum(), (~learned).sum()] == [7, 3]
     assert f"seven have ({lowest_to_highest(at_end[full][learned])})" in page
     assert (at_end[latents] < at_end[full][learned].min()).sum() == 8
+    assert at_end[full][learned].std() < at_end[latents].std()
     assert f"three have not ({lowest_to_highest(at_end[full][~learned])})" in page
 
     table_1, table_1_latents, figure_7, figure_7_latents = medians
@@ -497,10 +554,13 @@ def test_comparisons_of_the_agents_of_figure_7():
     rows = {(row.returns, row.claim): row for row in verdicts.itertuples()}
     page = text_of("answer")
 
-    at_end, over_run = (rows["evaluation", claim] for claim in "ac")
-    assert at_end.corrected_by == over_run.corrected_by == "sequential test"
-    assert f"return over the run is higher: {over_run.value:+.0f} {corrected(over_run)}" in page
-    assert f"{at_end.value:+.0f} {corrected(at_end)} by the sequential test" in page
+    at_end, over_run = (decided(TASKS[0], "dae12-script", "raw", claim) for claim in "ac")
+    assert f"return over the run is higher: {difference_of(over_run)} by the" in page
+    assert f"it is undecided which gets more:** {difference_of(at_end)} by the" in page
+    by_training = rows["training", "c"]
+    found = f"{by_training.value:+.0f} {corrected(by_training)}, corrected for 38 comparisons."
+    assert by_training.corrected_by == "Holm, 38 comparisons"
+    assert f"this is undecided:** {found}" in page
 
     variable, by_training = (rows[returns, "b"] for returns in ("evaluation", "training"))
     interval = f"[{variable.low:+.0f}, {variable.high:+.0f}]"

@@ -70,6 +70,19 @@ def choose_backend() -> str:
     raise RequestError(failure)
 
 
+def backend_failure() -> RequestError | None:
+    """Chooses a backend; returns why none works, and then MuJoCo can be imported nonetheless.
+
+    Without a backend, environments that need no OpenGL can still draw themselves.
+    """
+    try:
+        choose_backend()
+    except RequestError as failure:
+        os.environ["MUJOCO_GL"] = OFF[0]
+        return failure
+    return None
+
+
 def has_display() -> bool:
     """Returns whether the environment has a display for windows."""
     return sys.platform != "linux" or bool(

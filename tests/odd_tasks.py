@@ -66,6 +66,12 @@ def diverging():
     return _made(lambda data: {"v": np.tanh(data.qvel / 1e9)}, gear=1e11)
 
 
+class MadeAgain(Short):
+    """Has a physics, and is made again for each episode."""
+
+    physics = Physics.from_xml_string(MODEL.format(gear=1))
+
+
 class NoObservationSpec(Short):
     def observation_spec(self):
         raise NotImplementedError("later")

@@ -117,9 +117,9 @@ def render(
     json: bool = options.JSON,
 ) -> None:
     """Render an episode of any policy as a video or a picture."""
-    from jbench.opengl import choose_backend
+    from jbench.opengl import backend_failure
 
-    choose_backend()
+    failure = backend_failure()
     from jbench.policies.code import changed_code
     from jbench.policies.find import find_policy
     from jbench.rendering.episode import Scene
@@ -129,6 +129,8 @@ def render(
     database, policy, task = _find(results, policy, task, augment)
     task = task or "move_to_pose"
     about = find_task(task)
+    if failure is not None and about.has_physics:
+        raise failure
     if camera is not None and about.cameras is not None:
         names.known("camera", camera, about.cameras)
 

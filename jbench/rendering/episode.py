@@ -34,19 +34,19 @@ class Scene:
     task: str
     seed: int = 0  # of the initial pose and the target
     camera: str | None = None  # of the robot's model; None for `tracking`, or another's first
-    width: int = 640  # in pixels
+    width: int = 640  # in pixels; an environment that draws itself has a size of its own
     height: int = 480  # in pixels
     augment: int | None = None  # seed of an augmented robot; None for the plain robot
 
     @property
     def timestep(self) -> float:
-        """Simulated seconds in a control step."""
-        return find_task(self.task).control_timestep or CONTROL_TIMESTEP
+        """Seconds of a control step, simulated or of its pictures."""
+        return find_task(self.task).shown_timestep or CONTROL_TIMESTEP
 
     def environment(self, render_mode: str | None = "rgb_array") -> RobotEnv:
         """Returns an environment that draws pictures, or with None, does not.
 
-        Raises a RequestError if the robot has no such camera or, of another package, no physics.
+        Raises a RequestError if the robot has no such camera, or is not drawn.
         """
         env = RobotEnv(
             self.task,
@@ -56,8 +56,9 @@ class Scene:
             self.height,
             self.augment,
         )
-        quality = env.model.vis.quality
-        quality.shadowsize = min(quality.shadowsize, _SHADOW_TEXELS)
+        if find_task(self.task).has_physics:
+            quality = env.model.vis.quality
+            quality.shadowsize = min(quality.shadowsize, _SHADOW_TEXELS)
         return env
 
 

@@ -27,6 +27,10 @@ def view(policy: ActingPolicy, scene: Scene) -> int:
     another model in each episode, or none.
     """
     task = find_task(scene.task)
+    if not task.has_physics:
+        raise RequestError(
+            f"{scene.task} has no MuJoCo physics, which a window shows; type jbench render."
+        )
     if not task.has_one_model:
         raise RequestError(
             f"{scene.task} is made again for each episode, and a window shows one model; give its "

@@ -6,6 +6,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
 from jbench.errors import RequestError, WorkError, sentence_of_failure
@@ -13,12 +14,14 @@ from jbench.settings.records import Specs
 from jbench.sources import checksum
 from jbench.tasks.dm_specification import (
     UnusableError,
+    may_end_early,
     measure_episode,
     read_bounds,
     read_parts,
 )
-from jbench.tasks.dm_worlds import DmWorlds, EnvironmentTask, close, may_end_early
+from jbench.tasks.dm_worlds import DmWorlds, EnvironmentTask, close
 from jbench.tasks.gym_adapter import GymAdapter
+from jbench.tasks.own_pictures import physics_of, render_fps
 from jbench.tasks.robot_checksum import model_hash, robot_checksum
 from jbench.tasks.task import DOES_NOT_REPEAT, rollout
 from jbench.tasks.worlds import Worlds
@@ -41,16 +44,19 @@ class DmTask(EnvironmentTask):
         files: Mapping[str, str] | None = None,
         description: str = "",
         provenance: Callable[[], Mapping[str, Any]] | None = None,
+        draw: Make | None = None,
     ) -> None:
         """Makes an environment and reads its specifications: RequestError if it is unusable.
 
-        The seed must decide about its random numbers, or `takes_random` is false. `files` are those
+        `draw` makes one whose `render` returns pictures; None if `make` takes no render mode. The
+        seed must decide about its random numbers, or `takes_random` is false. `files` are those
         of a user's code, see `source_files`; None for a task of dm_control's suite, which its
         version describes, as does the lack of `provenance`, which returns that of the code.
         """
         self.name = name
         self.description = description
         self._make = make
+        self._draw = draw or make
         self._provenance = provenance
 
         environment = self.environment(0)
@@ -83,6 +89,8 @@ class DmTask(EnvironmentTask):
                 "factory an argument `random`"
             )
 
+        self.has_physics = physics_of(environment) is not None
+        self.render_fps = render_fps(environment)
         timestep = getattr(environment, "control_timestep", None)
         self.control_timestep = timestep() if callable(timestep) else None
         self.episode_steps = measure_episode(environment, self._bounds)
@@ -99,12 +107,15 @@ class DmTask(EnvironmentTask):
             unit_rewards=self.has_unit_rewards,
         )
 
-    def environment(self, seed: int) -> Any:
-        """Returns a new environment; RequestError if it can't be made."""
+    def environment(self, seed: int, *, draws: bool = False) -> Any:
+        """See `EnvironmentTask.environment`."""
+        make = self._draw if draws else self._make
         try:
-            environment = self._make(seed)
+            environment = make(seed)
         except (RequestError, WorkError):
             raise
+        except DependencyNotInstalled as error:
+            raise self._refusal(str(error).rstrip(".")) from error
         except Exception as error:
             raise self._refusal(f"it can't be made ({sentence_of_failure(error)})") from error
 

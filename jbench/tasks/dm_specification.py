@@ -4,6 +4,7 @@ An UnusableError says, as a clause, why jbench can't use an environment.
 """
 
 import math
+import sys
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -156,6 +157,18 @@ def measure_episode(environment: Any, bounds: Bounds) -> int:
         )
 
     return steps
+
+
+def may_end_early(environment: Any) -> bool:
+    """Returns whether an episode of an environment may end before its time limit.
+
+    Only of dm_control's tasks it is known that they never do: those without `get_termination`.
+    """
+    task = getattr(environment, "task", None)
+    base = getattr(sys.modules.get("dm_control.rl.control"), "Task", None)
+    if base is None or not isinstance(task, base):
+        return True
+    return type(task).get_termination is not base.get_termination
 
 
 def _named(parts: Any) -> Mapping[str, Any]:

@@ -5,9 +5,9 @@ observation and reward are Python, so threads would be slower. The state of an e
 and the actions so far, since many tasks write random targets into their model at each reset.
 """
 
-import sys
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from jbench.errors import WorkError, sentence_of_failure
 from jbench.tasks.dm_specification import UnusableError
+from jbench.tasks.own_pictures import check_can_draw, check_draws, physics_of, picture_of
 from jbench.tasks.task import Task
 from jbench.tasks.worlds import Chosen, EndingWorlds, EpisodeError, ModelAndData, WorldsState
 from jbench.wording import counted
@@ -37,8 +38,8 @@ class EnvironmentTask(Task):
     has_unit_rewards: bool
 
     @abstractmethod
-    def environment(self, seed: int) -> Any:
-        """Returns a new environment; RequestError if it can't be made."""
+    def environment(self, seed: int, *, draws: bool = False) -> Any:
+        """Returns a new environment, which may draw itself; RequestError if it can't be made."""
 
     @abstractmethod
     def reseed(self, environment: Any, seed: int) -> None:
@@ -52,13 +53,14 @@ class EnvironmentTask(Task):
 class DmWorlds(EndingWorlds):
     """Environments of one task, stepped one after another."""
 
-    def __init__(self, task: EnvironmentTask, count: int) -> None:
-        """Makes the environments, which have no episode yet."""
+    def __init__(self, task: EnvironmentTask, count: int, *, draws: bool = False) -> None:
+        """Makes the environments, which have no episode yet, and may draw themselves."""
         self._task = task
+        self._draws = draws
         self.episode_steps = task.episode_steps
         self.failures = {}
         self.unlike = set()
-        self.environments = [task.environment(0) for _ in range(count)]
+        self.environments = [task.environment(0, draws=draws) for _ in range(count)]
         self.elapsed = np.zeros(count, np.int64)
         self.terminated = np.zeros(count, bool)
         self.truncated = np.zeros(count, bool)
@@ -166,12 +168,23 @@ class DmWorlds(EndingWorlds):
 
     def physics(self, world: int) -> ModelAndData | None:
         """Returns the model and data of an environment that has a MuJoCo physics."""
-        physics = getattr(self.environments[world], "physics", None)
-        return None if physics is None else ModelAndData(_raw(physics.model), _raw(physics.data))
+        return physics_of(self.environments[world])
+
+    def prepare_pictures(self) -> None:
+        """See `Worlds.prepare_pictures`: the environments are made again."""
+        check_can_draw(self._task.name, self.environments[0])
+        self.close()
+        self._draws = True
+        self.environments = [self._task.environment(0, draws=True) for _ in self.environments]
+        check_draws(self._task.name, self.environments[0])
+
+    def picture(self, world: int) -> NDArray[np.uint8]:
+        """See `Worlds.picture`."""
+        return picture_of(self._task.name, self.environments[world])
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Returns how a copy is made, which has no episode before its first reset."""
-        return DmWorlds, (self._task, len(self.environments))
+        return partial(DmWorlds, draws=self._draws), (self._task, len(self.environments))
 
     def _is_over(self, world: int) -> bool:
         """Returns whether a world is not stepped until its next episode."""
@@ -193,7 +206,7 @@ class DmWorlds(EndingWorlds):
                 self._task.reseed(self.environments[world], seed)
             else:
                 close(self.environments[world])
-                self.environments[world] = self._task.environment(seed)
+                self.environments[world] = self._task.environment(seed, draws=self._draws)
 
             timestep = self.environments[world].reset()
             self._observe(self._observations[world], timestep.observation)
@@ -276,24 +289,7 @@ class _FlawError(ValueError):
     """What an environment returned is not as in `Task` and `Worlds`."""
 
 
-def _raw(wrapped: Any) -> Any:
-    """Returns MuJoCo's own object, which dm_control wraps and Gymnasium does not."""
-    return getattr(wrapped, "ptr", wrapped)
-
-
 def close(environment: Any) -> None:
     """Closes an environment that can be closed."""
     if callable(close := getattr(environment, "close", None)):
         close()
-
-
-def may_end_early(environment: Any) -> bool:
-    """Returns whether an episode of an environment may end before its time limit.
-
-    Only of dm_control's tasks it is known that they never do: those without `get_termination`.
-    """
-    task = getattr(environment, "task", None)
-    base = getattr(sys.modules.get("dm_control.rl.control"), "Task", None)
-    if base is None or not isinstance(task, base):
-        return True
-    return type(task).get_termination is not base.get_termination

@@ -5,7 +5,7 @@ import importlib.util
 import logging
 import re
 from collections.abc import Mapping
-from functools import lru_cache
+from functools import lru_cache, partial
 from importlib.metadata import EntryPoint
 from typing import Any
 
@@ -18,6 +18,7 @@ from jbench.task_specs import GYM, SUITE, SUITE_TASKS, TASK_GROUP
 from jbench.tasks import gym_registry
 from jbench.tasks.dm import DmTask
 from jbench.tasks.jitterbug.task import JitterbugTask
+from jbench.tasks.own_pictures import RENDER_MODE
 from jbench.tasks.task import Task
 
 EPISODES_REPEAT = "episodes_repeat"
@@ -56,6 +57,7 @@ def find_task(name: str) -> Task:
             files=environment.files or None,
             description=environment.description,
             provenance=lambda: gym_registry.provenance(name),
+            draw=lambda seed: environment.make(render_mode=RENDER_MODE),
         )
     if plugins.is_imported(name):
         factory = plugins.imported("task", name)
@@ -175,12 +177,18 @@ def _made_by(name: str, factory: Any, files: Mapping[str, str]) -> DmTask:
             "dm_env.Environment or a gymnasium.Env."
         )
 
-    takes_random = "random" in (plugins.parameters(factory) or {})
+    taken = plugins.parameters(factory) or {}
+    takes_random = "random" in taken
+
+    def make(seed: int, **more: Any) -> Any:
+        return factory(random=seed, **more) if takes_random else factory(**more)
+
     return DmTask(
         name,
-        lambda seed: factory(random=seed) if takes_random else factory(),
+        make,
         takes_random=takes_random,
         files=files,
         description=plugins.first_line(factory),
         provenance=lambda: plugins.provenance("task", name, installed_tasks()),
+        draw=partial(make, render_mode=RENDER_MODE) if "render_mode" in taken else None,
     )

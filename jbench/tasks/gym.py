@@ -57,8 +57,9 @@ class RobotEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             render_mode: "rgb_array", "human", or None for no pictures.
             camera: name of a camera of the model, or "free" for one that sees all of it; None for
                 `tracking` of the Jitterbug, and another robot's first.
-            width: of a picture, in pixels, at least 1.
-            height: of a picture, in pixels, at least 1.
+            width: of a picture, in pixels, at least 1; not of one that an environment without
+                physics draws itself.
+            height: as the width.
             augment: seed of an augmented robot's morphology, or None for the plain robot; only
                 tasks of the Jitterbug have these.
             vary_masses: whether to vary the augmented robot's densities and gear as well.
@@ -138,8 +139,8 @@ class RobotEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         """Returns an image (height, width, 3) in mode "rgb_array"; otherwise None.
 
         Raises:
-            RequestError: if MUJOCO_GL names no backend and none works, or if there is no display
-                for "human"; a ValueError.
+            RequestError: if MUJOCO_GL names no backend and none works, if there is no display for
+                "human", or if an environment without physics does not draw itself; a ValueError.
         """
         return self._pictures.draw(0)
 
@@ -178,9 +179,9 @@ def spaces(task: Task) -> tuple[Space[Any], Space[Any]]:
 
 def frame_rate(task: Task) -> dict[str, int]:
     """Returns the metadata of the pictures of a task: one in a control step, if that is known."""
-    if not task.control_timestep:
+    if not task.shown_timestep:
         return {}
-    return {"render_fps": round(1 / task.control_timestep)}
+    return {"render_fps": round(1 / task.shown_timestep)}
 
 
 JitterbugEnv = RobotEnv

@@ -48,9 +48,9 @@ class RegisteredEnvironment:
         entry = self.entry_point
         return plugins.first_line(resolve_name(entry) if isinstance(entry, str) else entry)
 
-    def make(self) -> gymnasium.Env[Any, Any]:
-        """Returns a new environment with the wrappers of its registration."""
-        return gymnasium.make(self.id, **self.arguments)
+    def make(self, **more: Any) -> gymnasium.Env[Any, Any]:
+        """Returns a new environment with the wrappers of its registration, and more arguments."""
+        return gymnasium.make(self.id, **{**self.arguments, **more})
 
     @property
     def files(self) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""Pictures of MuJoCo models, of whichever robot."""
+"""Pictures of the worlds of an environment, of whichever robot."""
 
 import os
 from collections.abc import Collection
@@ -30,7 +30,8 @@ class View:
         mode: such as "rgb_array", or None for no pictures.
         camera: name of a camera of the model, or "free"; None for the task's, or the model's
             first, or the free one.
-        width, height: of a picture, in pixels, at least 1.
+        width, height: of a picture, in pixels, at least 1; a world without MuJoCo physics draws
+            itself, in a size of its own.
     """
 
     mode: str | None = None
@@ -62,14 +63,18 @@ class Pictures:
         self._view = view
         self._camera = FREE_CAMERA
         self._artists = dict[int, Artist]()
-        if view.mode is not None or view.camera is not None:
+        if view.mode is None and view.camera is None:
+            return
+        if task.has_physics:
             self._camera = self._find_camera(view.camera or task.default_camera)
+        else:
+            self._check_own_pictures()
 
     def physics(self, world: int) -> ModelAndData:
         """Returns MuJoCo's model and data of a world; a RequestError if it has none."""
         physics = self._worlds.physics(world)
         if physics is None:
-            raise RequestError(f"{self._task.name} has no MuJoCo physics to draw.")
+            raise RequestError(f"{self._task.name} has no MuJoCo physics.")
         return physics
 
     def draw(self, world: int) -> NDArray[np.uint8] | None:
@@ -77,6 +82,9 @@ class Pictures:
         view = self._view
         if view.mode is None:
             return None
+
+        if not self._task.has_physics:
+            return self._worlds.picture(world)
 
         # Worlds that share their data share what draws it.
         model, data = self.physics(world)
@@ -102,6 +110,21 @@ class Pictures:
     def __getstate__(self) -> dict[str, Any]:
         """Returns what is copied: all but what draws."""
         return {**vars(self), "_artists": {}}
+
+    def _check_own_pictures(self) -> None:
+        """Raises a RequestError if worlds without physics can't be drawn, or not in this view."""
+        name = self._task.name
+        if self._view.mode == "human":
+            raise RequestError(
+                f"{name} has no MuJoCo physics to show in a window; render_mode='rgb_array' "
+                "returns the pictures that it draws itself."
+            )
+        if self._view.mode is not None:
+            self._worlds.prepare_pictures()
+        if self._view.camera is not None:
+            raise RequestError(
+                f"{name} has no camera {self._view.camera}: it draws itself; leave the camera out."
+            )
 
     def _find_camera(self, name: str | None) -> int:
         """Returns the number of a camera; None is the model's first, or the free one."""

@@ -58,7 +58,10 @@ class Task(ABC):
         has_planar_reduction: whether it moves on a floor, and its heading frame is known to the
             kinds of encoders that are called planar.
         records_states: whether an evaluation can record states and choose targets.
+        has_physics: whether its worlds have MuJoCo's model and data; others draw themselves.
         has_one_model: whether all episodes of a world have the same model of MuJoCo.
+        render_fps: pictures per second, one for each control step, that its environment names;
+            None if it names none.
     """
 
     name: str
@@ -79,7 +82,9 @@ class Task(ABC):
     has_state_within_episode: bool = False
     has_planar_reduction: bool = False
     records_states: bool = False
+    has_physics: bool = True
     has_one_model: bool = False
+    render_fps: float | None = None
 
     def hand_written(self) -> HandWritten | None:
         """Returns a new hand-written policy, if there is one."""
@@ -119,6 +124,13 @@ class Task(ABC):
     def robot(self) -> str:
         """Name of the robot of its datasets, which other tasks may share."""
         return self.name
+
+    @property
+    def shown_timestep(self) -> float | None:
+        """Seconds of a control step in a video: those simulated, or else those of its pictures."""
+        if self.control_timestep or not self.render_fps:
+            return self.control_timestep
+        return 1 / self.render_fps
 
     @property
     def observation_size(self) -> int:

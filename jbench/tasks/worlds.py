@@ -153,6 +153,19 @@ class Worlds(AbstractContextManager["Worlds"]):
         """
         return None
 
+    def prepare_pictures(self) -> None:
+        """Lets environments without MuJoCo physics draw themselves, before their first episode.
+
+        Raises a RequestError if they can't.
+        """
+
+    def picture(self, world: int) -> NDArray[np.uint8] | None:
+        """Returns a picture (height, width, 3) that a world without physics draws itself.
+
+        Call `prepare_pictures` before. Raises a RequestError if there is none.
+        """
+        return None
+
     def points(self) -> NDArray[np.float32] | None:
         """Returns x, y (m) and heading (rad) of each robot (worlds, 3), if the task has them."""
         return None

@@ -15,6 +15,7 @@ from jbench.rendering.viewer import view
 from tests.rendering.render_policies import Constant
 
 OWN = "tests.third_party_task.own_tasks"
+ODD = "tests.odd_tasks"
 
 # At its 60th action, in the third episode of 25 steps, the policy takes a screenshot and closes the
 # window.
@@ -89,7 +90,8 @@ def test_display_that_cannot_be_opened_is_refused(monkeypatch):
 @pytest.mark.parametrize(
     ("scene", "sentence"),
     [
-        (Scene(f"{OWN}:Integrator"), "is made again for each episode, and a window shows one mod"),
+        (Scene(f"{OWN}:Integrator"), "has no MuJoCo physics, which a window shows; type jbench re"),
+        (Scene(f"{ODD}:MadeAgain"), "is made again for each episode, and a window shows one mod"),
         (Scene("dmc:cheetah-run", augment=3), "has no augmented robots"),
     ],
 )

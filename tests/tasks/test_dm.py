@@ -178,7 +178,7 @@ def test_gymnasium_environment_is_a_world_of_the_task():
 
 
 def test_environment_without_a_model_is_not_drawn():
-    with pytest.raises(RequestError, match="Integrator has no MuJoCo physics to draw"):
+    with pytest.raises(RequestError, match="Integrator has no MuJoCo physics"):
         _ = RobotEnv(f"{OWN}:Integrator").model
 
 

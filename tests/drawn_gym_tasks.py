@@ -1,0 +1,74 @@
+"""Gymnasium environments without MuJoCo physics that draw themselves, or fail to."""
+
+import gymnasium
+import numpy as np
+from gymnasium.error import DependencyNotInstalled
+
+from tests.gym_tasks import EPISODE, Cart, limited
+
+
+class Drawn(Cart):
+    """Draws its cart as a red column on white, 25 pictures per second, and may leave its rail."""
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 25}  # noqa: RUF012
+
+    def __init__(self, render_mode=None):
+        self.render_mode = render_mode
+
+    def has_fallen(self):
+        return abs(float(self.state[0])) > 1.5
+
+    def render(self):
+        if self.render_mode is None:
+            return None
+        picture = np.full((24, 40, 3), 255, np.uint8)
+        column = int(np.clip(20 + 10 * self.state[0], 0, 39))
+        picture[:, column] = [255, 0, 0]
+        return picture
+
+
+class WithoutMode(Drawn):
+    metadata = {"render_modes": []}  # noqa: RUF012
+
+
+class RendersNothing(Drawn):
+    def render(self):
+        return None
+
+
+class RendersNumbers(Drawn):
+    def render(self):
+        return np.zeros((4, 4))
+
+
+class RendersError(Drawn):
+    def render(self):
+        raise ValueError("no such color")
+
+
+class LacksPackage(Drawn):
+    def render(self):
+        raise DependencyNotInstalled("paint is not installed, run `pip install paint`")
+
+
+def of(kind):
+    """Returns a function that makes an environment in a mode."""
+    return lambda render_mode=None: limited(lambda: kind(render_mode))()
+
+
+drawn, without_mode, nothing, numbers, error, lacks_package = map(
+    of, (Drawn, WithoutMode, RendersNothing, RendersNumbers, RendersError, LacksPackage)
+)
+takes_no_mode = limited(Drawn)
+
+
+def draws_always():
+    """Takes no render mode, and has one."""
+    return limited(lambda: Drawn("rgb_array"))()
+
+
+def lacks_simulator():
+    raise DependencyNotInstalled("paint is not installed, run `pip install paint`")
+
+
+gymnasium.register("lab/Drawn-v0", "tests.drawn_gym_tasks:Drawn", max_episode_steps=EPISODE)

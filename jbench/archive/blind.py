@@ -1,34 +1,30 @@
 """Records without names: of people, machines, places, packages and modules.
 
-Provenance is cut down to what rounds numbers. A name of code that is not jbench's becomes a number
-(`agent-1`), in settings, in ids, in the rows that repeat an id, and in files that repeat a kind.
-Ids, names of files and checksums are then made again. Records that have no such name keep theirs.
+Provenance is cut down to what rounds numbers. A name of code that is not jbench's, Gymnasium's or
+dm_control's becomes a number (`agent-1`), as does a version or checksum of this code (`code-1`): in
+settings, in ids, in the rows that repeat an id, and in files that repeat a kind. Ids, names of
+files and checksums are then made again. Records that have no such name keep theirs.
 """
 
-import getpass
 import json
-import os
-import platform
 import re
-import socket
-import subprocess
-import unicodedata
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from string import ascii_lowercase
 from typing import Any
 
 import pyarrow as pa
 
+from jbench.archive.words import found_in, may_name_something
 from jbench.encoders.registry import short_name
 from jbench.names import ENCODER_KINDS, POLICIES, TASKS
 from jbench.settings.algorithms import SETTINGS
 from jbench.settings.base import in_id, settings_hash
-from jbench.settings.records import EXTERNAL, JITTERBUG
+from jbench.settings.records import CODE, EXTERNAL, JITTERBUG
 from jbench.store import Record, record_files
 from jbench.store.manifest import FileEntry, Manifest
 from jbench.task_specs import SUITE
+from jbench.tasks.gym_registry import is_of_gymnasium
 
 _ROUNDING = ("jbench", "python", "processor", "cores", "threads", "device", "gpu", "cuda", "driver")
 """What of a record's provenance stays, with the versions in `packages`."""
@@ -39,11 +35,9 @@ _CODE = ("code", "sources", "accepted")
 LEFT_OUT = "left-out"
 """Stands for a text that may name somebody or something."""
 
-_SAYS_NOTHING = {"root", "user", "admin", "localhost", "home", "tmp", "results", "main"}
 _PATH = re.compile(r"/|~|\\\\|[A-Za-z]:[\\/]|file:")
 """How the path of a file begins, also on Windows."""
 
-_SHORTEST = 3  # letters of a word that is looked for
 _ID_COLUMNS = ("run", "encoder", "dataset", "evaluation_id")
 
 
@@ -75,23 +69,26 @@ class Blinder:
                     self._number("policy", policy)
 
             for task in (settings.get("task"), settings.get("robot")):
-                if isinstance(task, str) and task not in (*TASKS, JITTERBUG):
-                    self._number("task", None if task.startswith(SUITE) else task)
+                if isinstance(task, str) and not _is_public(task):
+                    self._number("task", task)
             self._number("package", settings.get("package"))
+
+            for name in _CODE:
+                self._number("code", settings.get(name))
+            for name in CODE:
+                self._number("code", (settings.get("specs") or {}).get(name))
 
     def settings(self, settings: Mapping[str, Any]) -> dict[str, Any]:
         """Returns settings with every name replaced."""
-        return {
-            name: LEFT_OUT if name in _CODE and value else self._value(value)
-            for name, value in settings.items()
-        }
+        return {name: self._value(value) for name, value in settings.items()}
 
     def id(self, record: Record) -> str:
         """Returns the id of a record of these settings, which is the old one if nothing changed."""
         settings = self.settings(record.settings)
         if settings == record.settings:
             return record.id
-        *parts, last = record.id.split("/")
+        # The name of a task may have a slash.
+        *parts, last = self._numbered_in_ids(record.id).split("/")
         seed = last.rpartition("-")[0]
         new = "/".join([*map(self._text, parts), f"{seed}-{settings_hash(settings)}"])
         self._ids[record.id] = new
@@ -150,8 +147,9 @@ class Blinder:
         number = len({*known.values()}) + 1
         # A kind of encoder has no digits at its end.
         known[name] = f"{what}-{_in_letters(number) if what == 'kind' else number}"
-        self.words.add(name)
-        self.words.update(part for part in re.split(r"[:.]", name) if len(part) > _SHORTEST)
+        self.words.update((name, in_id(name)))
+        parts = re.split(r"[:./]", name.partition(",")[0])
+        self.words.update(part for part in parts if may_name_something(part))
         if what == "kind":
             short = short_name(name)
             self.words.add(short)
@@ -179,13 +177,29 @@ class Blinder:
                     return number
                 if what == "kind" and re.fullmatch(rf"{re.escape(name)}\d+.*", text):
                     return number + text.removeprefix(name)
-                text = re.sub(rf"(?<![\w.-]){re.escape(in_id(name))}/", f"{number}/", text)
 
+        text = self._numbered_in_ids(text)
         return LEFT_OUT if self._has_a_word(text) else text
+
+    def _numbered_in_ids(self, text: str) -> str:
+        """Returns a text in which names that an id begins with, or a part of one, are numbers."""
+        numbers = {
+            in_id(name): number
+            for names in self._numbers.values()
+            for name, number in names.items()
+        }
+        for name in sorted(numbers, key=len, reverse=True):
+            text = re.sub(rf"(?<![\w.-]){re.escape(name)}/", f"{numbers[name]}/", text)
+        return text
 
     def _has_a_word(self, text: str) -> bool:
         """Returns whether a text has a word that tells who made it, or is the path of a file."""
         return any(found_in(word, text) for word in self.words) or _PATH.match(text) is not None
+
+
+def _is_public(task: str) -> bool:
+    """Returns whether a task is jbench's, dm_control's or Gymnasium's own, which names nobody."""
+    return task in (*TASKS, JITTERBUG) or task.startswith(SUITE) or is_of_gymnasium(task)
 
 
 def _in_letters(number: int) -> str:
@@ -214,57 +228,3 @@ def _without_texts(summary: Mapping[str, Any]) -> dict[str, Any]:
 def _is_plain(name: str, value: Any) -> bool:
     """Returns whether a part of a summary names no place; `what` is one of jbench's own words."""
     return name == "what" or not isinstance(value, str)
-
-
-def found_in(word: str, text: str) -> bool:
-    """Returns whether a text has a word, not as a part of a longer one.
-
-    An accent may be a character of its own, as in the names of files on macOS.
-    """
-    word, text = (unicodedata.normalize("NFC", either) for either in (word, text))
-    return re.search(rf"(?<![A-Za-z0-9]){re.escape(word)}(?![A-Za-z0-9])", text, re.I) is not None
-
-
-def words_of_this_machine(*places: Path) -> set[str]:
-    """Returns the words that name this machine, its user, its directories and its git remote."""
-    words = {
-        socket.gethostname(),
-        platform.node(),
-        _quietly(getpass.getuser),
-        os.environ.get("USER", ""),
-        os.environ.get("LOGNAME", ""),
-        str(Path.home()),
-        *(str(place.absolute()) for place in (Path.cwd(), *places)),
-        _git("config", "user.name"),
-        _git("config", "user.email"),
-        _git("rev-parse", "HEAD"),
-        _git("rev-parse", "--short=12", "HEAD"),
-    }
-
-    for address in _git("config", "--get-regexp", r"remote\..*\.url").splitlines():
-        url = address.partition(" ")[2]
-        words.add(url)
-        words.update(re.split(r"[:/@]", url.removesuffix(".git"))[-2:])
-
-    return {
-        word
-        for word in map(str.strip, words)
-        if len(word) >= _SHORTEST and word.lower() not in {*_SAYS_NOTHING, "jbench"}
-    }
-
-
-def _quietly(read: Callable[[], str]) -> str:
-    """Returns what a function reads of this machine, or nothing if it can't."""
-    try:
-        return read()
-    except (OSError, KeyError, ImportError):
-        return ""
-
-
-def _git(*arguments: str) -> str:
-    """Returns what git prints, or nothing without git or a repository."""
-    command = ["git", *arguments]
-    try:
-        return subprocess.run(command, capture_output=True, text=True, timeout=10).stdout.strip()
-    except (OSError, subprocess.TimeoutExpired):
-        return ""

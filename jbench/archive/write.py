@@ -10,8 +10,9 @@ from typing import NamedTuple
 
 import pyarrow.parquet as pq
 
-from jbench.archive.blind import Blinder, found_in, words_of_this_machine
+from jbench.archive.blind import Blinder
 from jbench.archive.lock import lock
+from jbench.archive.words import found_in, words_of_this_machine
 from jbench.errors import RequestError, WorkError
 from jbench.report.report import write_report
 from jbench.report.request import Request

@@ -90,6 +90,25 @@ def find_environment(name: str) -> RegisteredEnvironment:
     return RegisteredEnvironment(id, arguments, modules, entry)
 
 
+def is_of_gymnasium(name: str) -> bool:
+    """Returns whether a task is an environment that Gymnasium has, and no argument is a text.
+
+    The task need not exist, and no module is imported.
+    """
+    id, *options = name.removeprefix(GYM).split(",")
+    if not name.startswith(GYM) or ":" in id:
+        return False
+
+    try:
+        entry = gymnasium.spec(id).entry_point
+        values = _arguments(name, options).values()
+    except (gymnasium.error.Error, RequestError):
+        return False
+
+    is_own = isinstance(entry, str) and entry.startswith(f"{gymnasium.__name__}.")
+    return is_own and not any(isinstance(value, str) for value in values)
+
+
 def _unknown_environment(id: str) -> RequestError:
     """Returns the error for an id, or MODULE:ID, that is not in Gymnasium's registry."""
     module, _, registered = id.rpartition(":")

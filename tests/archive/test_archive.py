@@ -9,10 +9,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from jbench.archive import blind
+from jbench.archive import blind, words
 from jbench.archive.write import leaks, write_archive
 from jbench.errors import WorkError
-from jbench.settings.base import settings_hash
+from jbench.settings.base import in_id, settings_hash
 from jbench.settings.records import EvaluationSettings
 from jbench.store import Results
 from jbench.store.verify import verify
@@ -27,7 +27,19 @@ NAMES = {
     "module": "secret_agents",
     "class": "SecretAgent",
     "package": "hidden-package",
+    "lab": "quiet_lab",
+    "namespace": "riverside",
+    "environment": "Kite-v0",
     "directory": "notebooks-of-ada",
+}
+
+
+SPECS = {
+    "parts": ["place"],
+    "sizes": [2],
+    "action_minimum": [-1.0],
+    "action_maximum": [1.0],
+    "sources": "0123456789abcdef",
 }
 
 
@@ -52,6 +64,12 @@ def results(demo_results, tmp_path):
     run = results.create("run", id, settings, made_on)
     run.append({"episodes": episodes(id, [1.0, 2.0, 3.0])}, {"checkpoint.safetensors": b"state"})
     run.finish({"wall_time": 6.0, "note": NAMES["user"]}, keep=["checkpoint.safetensors"])
+    task = f"gym:{NAMES['lab']}:{NAMES['namespace']}/{NAMES['environment']},wind=0.5"
+    settings = {**RUN_SETTINGS, "task": task, "specs": SPECS}
+    id = f"{in_id(task)}/ddpg/full/s00-{settings_hash(settings)}"
+    kite = results.create("run", id, settings, made_on)
+    kite.append({"episodes": episodes(id, [1.0, 2.0, 3.0])})
+    kite.finish({"wall_time": 6.0})
     evaluated = EvaluationSettings(task="face_direction", policy=id, episodes=1)
     results.create("evaluation", evaluated.id, evaluated.model_dump()).finish({"median": 2.0})
     return results
@@ -64,7 +82,7 @@ def known_machine(monkeypatch):
     monkeypatch.setenv("USER", NAMES["user"])
     monkeypatch.setenv("HOME", f"/home/{NAMES['user']}")
     answers = {"config --get-regexp": f"remote.origin.url git@host.org:{NAMES['owner']}/thesis.git"}
-    monkeypatch.setattr(blind, "_git", lambda *typed: answers.get(" ".join(typed[:2]), ""))
+    monkeypatch.setattr(words, "_git", lambda *typed: answers.get(" ".join(typed[:2]), ""))
 
 
 def opened(path, tmp_path):
@@ -119,13 +137,15 @@ def test_no_name_is_left_in_a_blind_archive(results, tmp_path, known_machine):
     results.create("run", run.id[:-12] + f"s09-{settings_hash(unfinished)}", unfinished)
     write_archive(results, tmp_path / "named.zip")
     write_archive(results, tmp_path / "blind.zip", blind=True)
-    words = set(NAMES.values())
-    named = {word for _, word in leaks((tmp_path / "named.zip").read_bytes(), words)}
-    assert named >= words - {NAMES["owner"], NAMES["directory"]}
-    assert list(leaks((tmp_path / "blind.zip").read_bytes(), words)) == []
+    names = set(NAMES.values())
+    named = {name for _, name in leaks((tmp_path / "named.zip").read_bytes(), names)}
+    assert named >= names - {NAMES["owner"], NAMES["directory"]}
+    assert list(leaks((tmp_path / "blind.zip").read_bytes(), names)) == []
     place, _ = opened(tmp_path / "blind.zip", tmp_path)
     left_out = r"left out: run face_direction/agent-1/full/s09-[0-9a-f]{8}: unfinished\."
     assert re.search(left_out, (place / "README.txt").read_text())
+    ids = {run.id[:-8] for run in Results(place / "results").scan("run")[0]}
+    assert "task-1/ddpg/full/s00-" in ids
 
 
 @pytest.mark.slow
@@ -178,6 +198,63 @@ def test_names_within_longer_ones_and_paths_of_other_systems_are_told_apart():
         "file:///srv/agent.py": "left-out",
     }
     assert list(blinder.settings(dict(enumerate(texts))).values()) == list(texts.values())
+
+
+def record(kind, id, **settings):
+    return SimpleNamespace(kind=kind, id=id, settings=settings)
+
+
+def blinded(*records):
+    """Returns the ids of records in a blind archive, and the words that it must not have."""
+    blinder = blind.Blinder(set())
+    blinder.learn(records)
+    return [blinder.id(record) for record in records], blinder.words
+
+
+def test_task_of_a_namespace_has_a_number_in_ids():
+    task = "gym:quiet_lab:riverside/Kite-v0"
+    run = record("run", "gym.quiet_lab.riverside/Kite-v0/sac/full/s00-1", task=task, algo="sac")
+    policy = in_id(run.id).replace("/", ".")
+    evaluation = record("evaluation", f"{in_id(task)}/{policy}/s00-2", task=task, policy=run.id)
+    (first, second), looked_for = blinded(run, evaluation)
+    assert re.fullmatch(r"task-1/sac/full/s00-[0-9a-f]{8}", first)
+    assert re.fullmatch(rf"task-1/{first.replace('/', '.')}/s00-[0-9a-f]{{8}}", second)
+    assert looked_for >= {"quiet_lab", "riverside", "Kite-v0"}
+
+
+def test_tasks_of_gymnasium_keep_their_names():
+    names = {
+        "gym:Pendulum-v1": "gym.Pendulum-v1/",
+        "gym:Pendulum-v1,g=9.0": "gym.Pendulum-v1.g.9.0/",
+        "dmc:cheetah-run": "dmc.cheetah-run/",
+        "gym:Ant-v5,xml_file=quiet/b.xml": "task-1/",
+        "gym:quiet:Kite-v1": "task-2/",
+        "gym:quiet/Kite-v1": "task-3/",
+    }
+    runs = [record("run", f"{in_id(name)}/td3/full/s00-1", task=name, algo="td3") for name in names]
+    ids, _ = blinded(*runs)
+    assert [id.removesuffix(id[id.index("td3") :]) for id in ids] == list(names.values())
+
+
+def test_words_that_every_archive_has_are_not_looked_for():
+    """A function may be called make, as in jbench's own code; its whole name is looked for."""
+    run = record("run", "quiet.make/td3/full/s00-1", task="quiet:make", algo="td3")
+    ids, looked_for = blinded(run)
+    assert ids[0].startswith("task-1/td3/full/s00-")
+    assert looked_for == {"quiet", "quiet:make", "quiet.make"}
+
+
+@pytest.mark.parametrize("nested", [False, True])
+def test_runs_of_different_code_are_different_runs(nested):
+    runs = []
+    for checksum in ("0123", "4567"):
+        sources = {"sources": checksum}
+        settings = {"specs": sources} if nested else sources
+        id = f"face_direction/td3/full/s00-{checksum}"
+        runs.append(record("run", id, task="face_direction", algo="td3", **settings))
+    ids, looked_for = blinded(*runs)
+    assert len({*ids}) == 2
+    assert looked_for == {"0123", "4567"}
 
 
 @pytest.mark.slow

@@ -1,0 +1,90 @@
+"""Words that tell who made results: those of a machine, and of names of code."""
+
+import getpass
+import os
+import platform
+import re
+import socket
+import subprocess
+import unicodedata
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+_SAYS_NOTHING = {"root", "user", "admin", "localhost", "home", "tmp", "results", "main"}
+_SHORTEST = 3  # letters of a word that is looked for
+
+
+def may_name_something(part: str) -> bool:
+    """Returns whether a part of a name is looked for: not a word of jbench's code, such as make."""
+    return len(part) > _SHORTEST and part.lower() not in _words_of_jbench()
+
+
+@cache
+def _words_of_jbench() -> frozenset[str]:
+    """Returns the words of jbench's code and page, in lower case, without those on the paper.
+
+    An archive has them whoever made it.
+    """
+    package = Path(__file__).parents[1]
+    texts = [
+        path.read_text(encoding="utf-8")
+        for suffix in ("py", "j2", "js")
+        for path in package.rglob(f"*.{suffix}")
+        if not path.is_relative_to(package / "paper")
+    ]
+    return frozenset(word.lower() for text in texts for word in re.findall("[A-Za-z0-9]+", text))
+
+
+def found_in(word: str, text: str) -> bool:
+    """Returns whether a text has a word, not as a part of a longer one.
+
+    An accent may be a character of its own, as in the names of files on macOS.
+    """
+    word, text = (unicodedata.normalize("NFC", either) for either in (word, text))
+    return re.search(rf"(?<![A-Za-z0-9]){re.escape(word)}(?![A-Za-z0-9])", text, re.I) is not None
+
+
+def words_of_this_machine(*places: Path) -> set[str]:
+    """Returns the words that name this machine, its user, its directories and its git remote."""
+    words = {
+        socket.gethostname(),
+        platform.node(),
+        _quietly(getpass.getuser),
+        os.environ.get("USER", ""),
+        os.environ.get("LOGNAME", ""),
+        str(Path.home()),
+        *(str(place.absolute()) for place in (Path.cwd(), *places)),
+        _git("config", "user.name"),
+        _git("config", "user.email"),
+        _git("rev-parse", "HEAD"),
+        _git("rev-parse", "--short=12", "HEAD"),
+    }
+
+    for address in _git("config", "--get-regexp", r"remote\..*\.url").splitlines():
+        url = address.partition(" ")[2]
+        words.add(url)
+        words.update(re.split(r"[:/@]", url.removesuffix(".git"))[-2:])
+
+    return {
+        word
+        for word in map(str.strip, words)
+        if len(word) >= _SHORTEST and word.lower() not in {*_SAYS_NOTHING, "jbench"}
+    }
+
+
+def _quietly(read: Callable[[], str]) -> str:
+    """Returns what a function reads of this machine, or nothing if it can't."""
+    try:
+        return read()
+    except (OSError, KeyError, ImportError):
+        return ""
+
+
+def _git(*arguments: str) -> str:
+    """Returns what git prints, or nothing without git or a repository."""
+    command = ["git", *arguments]
+    try:
+        return subprocess.run(command, capture_output=True, text=True, timeout=10).stdout.strip()
+    except (OSError, subprocess.TimeoutExpired):
+        return ""

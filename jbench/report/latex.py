@@ -1,8 +1,12 @@
-r"""Tables for LaTeX's booktabs.
+r"""Tables for LaTeX's booktabs and tabularx.
 
 The table of final returns fits a column of a two-column paper: it is in the size of footnotes, a
 task stands once above its rows, and a long name such as dae12-whitened-epochs-800 has several
 lines, which end after a hyphen or another sign.
+
+A table with long texts is as wide as the line where it stands, and these texts have what the other
+columns leave of it. If they leave too little even in a paper of one column, the texts have a fixed
+width, and the table needs a wider page.
 
 All numbers of a column have as many decimals, and stand below each other: their intervals are a
 column of their own under the same heading.
@@ -10,7 +14,7 @@ column of their own under the same heading.
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import pandas as pd
@@ -21,8 +25,10 @@ from jbench.report.table import TASK, Column, FrameRow, Table
 
 _LONG_NAME = 16  # characters; a column with a longer text has lines
 _NAME_WIDTH = "7em"  # of them
+_NAME_CHARACTERS = 14  # that fit into such a line
 _SENTENCE = 40  # characters; a column with a longer text has sentences
 _SENTENCE_WIDTH = "14em"
+_LINE = 90  # characters of a line of an article (345 pt), in the size of footnotes
 _DIGITS = 4  # of the largest number of a column with decimals
 
 
@@ -31,15 +37,20 @@ class _Made:
     """A column of a table as LaTeX has it.
 
     Attributes:
-        sides: the alignment of its cells.
+        sides: the alignment of its cells; that of texts with several lines is not used where the
+            table fills the line.
         heading: in LaTeX.
         cells: of each row, in LaTeX.
+        characters: of its longest cell, or of a line of it; about as many as it is wide.
+        has_lines: whether its texts have several lines.
         width: 2 for numbers with intervals, else 1.
     """
 
     sides: str
     heading: str
     cells: Sequence[str]
+    characters: int
+    has_lines: bool = False
     width: int = 1
 
 
@@ -53,8 +64,12 @@ def to_latex(table: Table) -> str:
     made = [_numbers(c, rows) if c.numeric else _texts(c, rows) for c in columns]
     title = table.title if table.title.endswith("?") else f"{table.title}."
     # After \raggedright of a last cell, \\ would end a line of that.
-    end = r"\tabularnewline" if made and made[-1].sides.startswith("p") else r"\\"
+    end = r"\tabularnewline" if made and made[-1].has_lines else r"\\"
     width = sum(column.width for column in made)
+    fills = _fills_line(made)
+    environment = "tabularx" if fills else "tabular"
+    room = r"{\linewidth}" if fills else ""
+    sides = "".join("X" if fills and column.has_lines else column.sides for column in made)
     body = []
     for group, *cells in zip(groups, *(column.cells for column in made), strict=True):
         if group:
@@ -65,22 +80,29 @@ def to_latex(table: Table) -> str:
         body.append(f"{' & '.join(cells)} {end}")
 
     lines = [
+        r"% \usepackage{booktabs,tabularx}",
         r"\begin{table}",
         r"\centering",
         rf"\caption{{{escaped(f'{title} {table.explained(every)}')}}}",
         rf"\label{{tab:{table.name.replace('_', '-')}}}",
         r"\footnotesize",
         r"\setlength{\tabcolsep}{3pt}",
-        rf"\begin{{tabular}}{{@{{}}{''.join(column.sides for column in made)}@{{}}}}",
+        rf"\begin{{{environment}}}{room}{{@{{}}{sides}@{{}}}}",
         r"\toprule",
         f"{' & '.join(column.heading for column in made)} {end}",
         *([] if any(groups) else [r"\midrule"]),
         *body,
         r"\bottomrule",
-        r"\end{tabular}",
+        rf"\end{{{environment}}}",
         r"\end{table}",
     ]
     return "\n".join(lines) + "\n"
+
+
+def _fills_line(made: Sequence[_Made]) -> bool:
+    """Returns whether a table fills a line: it has long texts, and columns that leave them room."""
+    needed = sum(column.characters + 1 for column in made)
+    return any(column.has_lines for column in made) and needed <= _LINE
 
 
 def _groups(column: Column, rows: Sequence[FrameRow]) -> list[str]:
@@ -96,14 +118,14 @@ def _groups(column: Column, rows: Sequence[FrameRow]) -> list[str]:
 def _texts(column: Column, rows: Sequence[FrameRow]) -> _Made:
     """Returns a column of texts; long ones have several lines."""
     shown = [column.text(row) for row in rows]
-    longest = max(map(len, shown), default=0)
+    longest = _longest(shown)
     heading = escaped(column.title)
     if longest <= _LONG_NAME:
-        return _Made("l", heading, [*map(escaped, shown)])
+        return _Made("l", heading, [*map(escaped, shown)], _longest([column.title, *shown]))
 
     width = _NAME_WIDTH if longest <= _SENTENCE else _SENTENCE_WIDTH
     cells = [_breakable(text) if len(text) > _LONG_NAME else escaped(text) for text in shown]
-    return _Made(f"p{{{width}}}", heading, cells)
+    return _Made(f"p{{{width}}}", heading, cells, _NAME_CHARACTERS, has_lines=True)
 
 
 def _numbers(column: Column, rows: Sequence[FrameRow]) -> _Made:
@@ -111,7 +133,8 @@ def _numbers(column: Column, rows: Sequence[FrameRow]) -> _Made:
     heading = escaped(column.title)
     form = column.one
     if form is None:
-        return _Made("r", heading, [escaped(column.text(row)) for row in rows])
+        cells = [column.text(row) for row in rows]
+        return _Made("r", heading, [*map(escaped, cells)], _longest([column.title, *cells]))
 
     places = _decimals(column, form, rows)
     shown = [("", "")] * len(rows)
@@ -119,11 +142,18 @@ def _numbers(column: Column, rows: Sequence[FrameRow]) -> _Made:
         if column.text(row):
             shown[i] = texts(form, row[column.key], column.interval(row), places)
 
+    characters = _longest([column.title, *map(" ".join, shown)])
     if not any(interval for _, interval in shown):
-        return _Made("r", heading, [escaped(number) for number, _ in shown])
+        return _Made("r", heading, [escaped(number) for number, _ in shown], characters)
 
     cells = [f"{escaped(number)} & {escaped(interval)}" for number, interval in shown]
-    return _Made(r"r@{ }l", rf"\multicolumn{{2}}{{c}}{{{heading}}}", cells, width=2)
+    heading = rf"\multicolumn{{2}}{{c}}{{{heading}}}"
+    return _Made(r"r@{ }l", heading, cells, characters, width=2)
+
+
+def _longest(shown: Iterable[str]) -> int:
+    """Returns the characters of the longest text."""
+    return max(map(len, shown), default=0)
 
 
 def _decimals(column: Column, form: Form, rows: Sequence[FrameRow]) -> int | None:

@@ -4,6 +4,8 @@ import csv
 import io
 import math
 import re
+import shutil
+import subprocess
 
 import numpy as np
 import pandas as pd
@@ -108,16 +110,61 @@ def test_intervals_in_latex_have_the_decimals_of_their_numbers():
     ]
 
 
-def test_long_names_in_latex_have_several_lines():
-    names = ["dae12-whitened-epochs-800", "full, batch_size=64", "full"]
-    text = to_latex(table(name=names, n=[1, 2, 3]))
-    assert r"\begin{tabular}{@{}p{7em}l@{}}" in text
+LONG_NAMES = ["dae12-whitened-epochs-800", "full, batch_size=64", "full"]
+
+
+def test_long_names_in_latex_have_several_lines_in_what_is_left_of_the_line():
+    text = to_latex(table(name=LONG_NAMES, n=[1, 2, 3]))
+    assert "\n\\begin{tabularx}{\\linewidth}{@{}Xl@{}}\n" in text
+    assert "\n\\end{tabularx}\n" in text
     assert "\\raggedright dae12-whitened-epochs-800 & 1 \\\\\n" in text
     assert "\\raggedright full, batch\\_\\allowbreak{}size=\\allowbreak{}64 & 2 \\\\\n" in text
     assert "\nfull & 3 \\\\\n" in text
     # Where it is last, \\ would end a line of it.
     assert text.count(r"\tabularnewline") == 0
-    assert to_latex(table(n=[1, 2, 3], name=names)).count(r"\tabularnewline") == 4
+    assert to_latex(table(n=[1, 2, 3], name=LONG_NAMES)).count(r"\tabularnewline") == 4
+
+
+def test_long_names_in_latex_have_a_width_beside_more_columns_than_fit_a_line():
+    # Of 90 characters, names need 14, and each column one more than its longest text.
+    others = {f"c{i}": ["0123456789abcd"] * 3 for i in range(5)}
+    assert r"{tabularx}" in to_latex(table(name=LONG_NAMES, **others))
+    text = to_latex(table(name=LONG_NAMES, **others, n=[1, 2, 3]))
+    assert "\n\\begin{tabular}{@{}p{7em}llllll@{}}\n" in text
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="needs LaTeX")
+@pytest.mark.parametrize("paper", ["onecolumn", "twocolumn"])
+def test_latex_table_of_long_names_fits_the_columns_of_a_paper(tmp_path, paper):
+    names = [*LONG_NAMES, "dae12-script, settings=figure8, normalize=none"]
+    columns = [
+        plain("task"),
+        plain("algorithm"),
+        plain("representation"),
+        number("seeds", "seeds", str),
+        estimate("median", "median"),
+    ]
+    made = table(
+        columns,
+        task=["face_direction"] * 4,
+        algorithm=["DDPG", "TD3", "random actions", "hand-written"],
+        representation=names,
+        seeds=[10] * 4,
+        median=[1000.0, 899.6, 12.4, 0.3],
+        median_low=[832.6] * 4,
+        median_high=[990.5] * 4,
+    )
+    (tmp_path / "table.tex").write_text(to_latex(made))
+    rules = "".join(rf"\newcommand\{name}rule{{\hline}}" for name in ("top", "mid", "bottom"))
+    (tmp_path / "paper.tex").write_text(
+        rf"\documentclass[{paper}]{{article}}\usepackage{{tabularx}}"
+        rf"\IfFileExists{{booktabs.sty}}{{\usepackage{{booktabs}}}}{{{rules}}}"
+        r"\begin{document}\input{table}\end{document}"
+    )
+    words = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "paper"]
+    log = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+    assert "Overfull" not in log
 
 
 @pytest.mark.parametrize(

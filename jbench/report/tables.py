@@ -91,15 +91,23 @@ _SPARE_COLUMNS = (
     "over the run",
     f"steps to {SOLVED_RETURN}",
     f"reach {SOLVED_RETURN}",
-    "IQM",
-    "diverged",
 )
 """Columns of final returns that a narrow terminal leaves out, the first one first."""
+
+
+def _averages(agents: pd.DataFrame) -> tuple[str, str]:
+    """Returns the average that each row has, and the other one: of the median and the IQM.
+
+    The methods of a file on all its tasks together have no median.
+    """
+    lacks_median = agents["median"].isna() & agents["iqm"].notna()
+    return ("IQM", "median") if lacks_median.any() else ("median", "IQM")
 
 
 def _final_returns(frames: Frames) -> Table:
     """Returns the table of final returns: trained agents, then random and hand-written policies."""
     agents = frames.lead(frames.configurations)
+    _, other = _averages(agents)
     title = (
         "Final returns by method" if frames.request.curves else f"Final {frames.returns} returns"
     )
@@ -109,7 +117,7 @@ def _final_returns(frames: Frames) -> Table:
         _final_returns_caption(frames, agents),
         _with_policies(agents, frames.baselines),
         _final_returns_columns(frames),
-        spare=_SPARE_COLUMNS,
+        spare=(*_SPARE_COLUMNS, other, "diverged"),
     )
 
 
@@ -188,10 +196,8 @@ def for_paper(table: Table, frames: Frames) -> Table:
     asked = frames.request.table_columns
     if table.name != "final_returns" or asked == ("all",):
         return table
-    agents = frames.lead(frames.configurations)
-    # Methods of a file on all tasks together have an interquartile mean, and no median.
-    middle = "IQM" if agents["median"].isna().any() and agents["iqm"].notna().all() else "median"
-    return table.of(asked or ("task", _agent(frames).title, OBSERVED.title, "seeds", middle))
+    average, _ = _averages(frames.lead(frames.configurations))
+    return table.of(asked or ("task", _agent(frames).title, OBSERVED.title, "seeds", average))
 
 
 def notes(frames: Frames) -> list[str]:

@@ -3,6 +3,7 @@
 import gzip
 import itertools
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +12,12 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 
 from jbench.cli import main
+from jbench.commands import output
 from jbench.importing.curves import to_json
 from jbench.importing.dialects import read_curves
 from jbench.report.frames import Frames
 from jbench.report.request import Request
+from jbench.report.tables import tables
 from tests.report.browser import HOSTILE, SIDEWAYS
 
 ORACLE = Path(__file__).parents[1] / "statistics" / "rliable_oracle" / "made.json"
@@ -102,6 +105,18 @@ def test_numbers_of_a_task_are_those_worked_out_by_hand(tmp_path):
     share = report.profiles.query("label == 'SAC'").set_index("final_return")["share"]
     assert (share.iloc[0], share.iloc[-1], share.index.max()) == (1.0, 0.0, 100)
     assert share[share.index > 0].iloc[0] == 2 / 8
+
+
+def test_rows_of_all_tasks_have_their_number_on_a_narrow_terminal(two_methods, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "66")
+    returns, *_ = tables(found(two_methods))
+    output.frame(returns.title, returns.texts(), returns.spare)
+    printed, _, left_out = capsys.readouterr().out.partition("Too narrow for ")
+    together = [line for line in printed.splitlines() if line.startswith(" all tasks,")]
+    assert len(together) == 2
+    # Normalized: from 0 to 1.
+    assert all(re.search(r" [01]\.\d+ \[[01]\.\d+, [01]\.\d+\]", line) for line in together)
+    assert "median" in left_out
 
 
 def test_only_one_kind_of_return_and_nothing_of_the_jitterbug_is_reported(tmp_path):

@@ -3,6 +3,7 @@
 import pytest
 
 from jbench.settings.algorithms import algorithm_settings, default_base
+from jbench.settings.code_words import CodeVersion, first_dates
 from jbench.settings.defaults import foreign_differences
 from jbench.settings.recorded import Unreadable, alike, comparable, flatten, read_run
 from jbench.settings.records import ExternalSettings
@@ -195,3 +196,22 @@ def test_external_run_named_td3_has_only_its_hyperparameters():
     settings = ExternalSettings(**{**RUN, "hyperparameters": {"tau": 0.1}})
     named = {path for path in flatten(settings) if path[0] == "hyperparameters"}
     assert named == {("hyperparameters", "tau")}
+
+
+def test_versions_of_one_code_have_the_time_where_they_share_the_date():
+    versions = [
+        CodeVersion("task a", "3f2a91", "2026-11-28T09:05:59+00:00"),
+        CodeVersion("task a", "3f2a91", "2026-11-29T09:05:59+00:00"),
+        CodeVersion("task a", "77c0d2", "2026-11-28T17:30:00+00:00"),
+        CodeVersion("task a", "b10c4e", "2026-11-29T17:30:00+00:00"),
+        # Other code of the same day is no other version; code that tasks share is one.
+        CodeVersion("robot of a", "07c4d5", "2026-11-28T09:05:59+00:00"),
+        CodeVersion("task b", "77c0d2", "2026-11-30T08:00:00+00:00"),
+        CodeVersion("task b", None, "2026-11-30T08:00:00+00:00"),
+    ]
+    assert first_dates(versions) == {
+        "3f2a91": "2026-11-28 09:05",
+        "77c0d2": "2026-11-28 17:30",
+        "b10c4e": "2026-11-29",
+        "07c4d5": "2026-11-28",
+    }

@@ -11,7 +11,7 @@ from jbench.names import ENCODER_KINDS, TASKS, kind_in, shown_representation
 from jbench.report.analysis.scores import seed_scores
 from jbench.report.data.configuration import ID, Configurations, differing_in, in_order
 from jbench.settings.base import settings_hash, task_and_representation
-from jbench.settings.code_words import first_dates
+from jbench.settings.code_words import CodeVersion, first_dates
 from jbench.settings.recorded import ENCODER_VARIANT
 from jbench.settings.variants import variant_labels
 from jbench.statistics import bootstrap as st
@@ -60,7 +60,7 @@ def encoder_frame(tables: Mapping[str, pd.DataFrame], task: str | None = None) -
     names = rows["encoder"].map(task_and_representation).str[1]  # such as dae12-whitened
     rows["representation"] = names.map(shown_representation)
     codes = [json.loads(text).get("sources") for text in rows["settings"]]
-    dates = first_dates(zip(codes, rows["created"], strict=True))
+    dates = first_dates(map(CodeVersion, rows["kind"], codes, rows["created"]))
     by_name = rows.groupby(["task", "representation"])
     rows["settings"] = by_name["settings"].transform(_labels, dates)
     for name in _FRACTIONS:

@@ -23,12 +23,15 @@ from jbench.settings.base import Settings
 from jbench.settings.code_words import CODE_WORDS
 
 WINDOW = 100  # episodes in a moving average (paper, Figures 8 and 9)
+_DATE = r"\d{4}-\d\d-\d\d( \d\d:\d\d)?"
+"""When a version of users' code was first used; the time tells versions of one day apart."""
+
 _CODE = re.compile(
-    rf"(?P<word>{'|'.join(CODE_WORDS.values())})[ =]+(?P<checksum>[0-9a-f]+)( of [-0-9]+)?"
+    rf"(?P<word>{'|'.join(CODE_WORDS.values())})[ =]+(?P<checksum>[0-9a-f]+)( of {_DATE})?"
 )
 """Users' code as names call it, or as a setting: `code 3f2a91 of 2026-11-28`, `code=3f2a91`."""
 
-_DATED_CODE = re.compile(r"code[ =]+(of )?(?P<date>\d{4}-\d\d-\d\d( \(\d+\))?)")
+_DATED_CODE = re.compile(rf"code[ =]+(of )?(?P<date>{_DATE}( \(\d+\))?)")
 """Users' code of records without its checksum, as names call it: `code of 2026-11-28`."""
 
 OF = "of "

@@ -1,8 +1,11 @@
-"""How names call users' code: the beginning of its checksum, and the date of its first record."""
+"""How names call users' code: the beginning of its checksum, and the date of its first record.
 
-from collections.abc import Iterable, Mapping
-from itertools import product
-from typing import Any
+Versions of one day have the time as well.
+"""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 from jbench.settings.base import canonical_json
 from jbench.settings.recorded import Run
@@ -12,6 +15,9 @@ CODE_LENGTH = 6
 
 DATE = 10
 """Characters of a date, such as 2026-11-28."""
+
+_MINUTE = 16
+"""Characters of a time up to its minute, such as 2026-11-28T13:05."""
 
 CODE_WORDS = {"sources": "code", "compiled": "robot", "accepted": "changed code"}
 """Settings that are checksums of users' code, and what names call them."""
@@ -26,36 +32,84 @@ def code_word(name: str, value: Any, dates: Mapping[str, str]) -> str:
     return f"{kind} {value[:CODE_LENGTH]}{date}"
 
 
+class CodeVersion(NamedTuple):
+    """A version of users' code, as a record has it.
+
+    Attributes:
+        code: which code it is a version of, such as that of a task.
+        checksum: of its files; anything else but a text if the record has none.
+        created: when the record was begun.
+    """
+
+    code: object
+    checksum: object
+    created: object
+
+
 def code_checksums(run: Run) -> list[str]:
     """Returns the checksums of users' code that the settings of a run have."""
+    versions = (version.checksum for version in _code_versions(run, ""))
+    return [checksum for checksum in versions if isinstance(checksum, str)]
+
+
+def _code_versions(run: Run, created: object) -> Iterator[CodeVersion]:
+    """Yields the code of the algorithm and of the task of a run, which was begun at a time."""
     specs = run.values.get("specs")
-    holders = (run.values, specs if isinstance(specs, Mapping) else {})
-    values = (holder.get(name) for holder, name in product(holders, CODE_WORDS))
-    return [value for value in values if isinstance(value, str)]
+    for name in CODE_WORDS:
+        yield CodeVersion(("algo", run.algo, name), run.values.get(name), created)
+        if isinstance(specs, Mapping):
+            yield CodeVersion(("task", run.task, name), specs.get(name), created)
 
 
 def code_dates(runs: Iterable[tuple[Run, object]]) -> dict[str, str]:
-    """Returns the date of the first run with each checksum of code; runs come with when they began.
+    """Returns the date of the first run with each checksum of code; see `first_dates`.
 
-    The dates are those of manifests, to the day.
+    Args:
+        runs: settings, and when the run was begun.
     """
     return first_dates(
-        (checksum, created) for run, created in runs for checksum in code_checksums(run)
+        version for run, created in runs for version in _code_versions(run, created)
     )
 
 
-def first_dates(checksums: Iterable[tuple[object, object]]) -> dict[str, str]:
-    """Returns the date of the first record with each checksum, of those that have one.
+def first_dates(versions: Iterable[CodeVersion]) -> dict[str, str]:
+    """Returns the date of the first record with each checksum, such as `2026-11-28`, in UTC.
 
-    Checksums come with when their record was begun.
+    Two versions of the same code that have the same date also have the time: `2026-11-28 13:05`.
     """
+    begun: dict[str, str] = {}
+    checksums: dict[object, set[str]] = {}
+    for version in versions:
+        if isinstance(version.checksum, str):
+            created = str(version.created)
+            begun[version.checksum] = min(created, begun.get(version.checksum, created))
+            checksums.setdefault(version.code, set()).add(version.checksum)
+
     dates: dict[str, str] = {}
-    for checksum, created in checksums:
-        if isinstance(checksum, str):
-            date = str(created)[:DATE]
-            dates[checksum] = min(date, dates.get(checksum, date))
+    for same_code in checksums.values():
+        shown = with_times([begun[checksum] for checksum in same_code])
+        for checksum, date in zip(same_code, shown, strict=True):
+            # Tasks may share their code, and one may have another version of the same day.
+            dates[checksum] = max(date, dates.get(checksum, ""), key=len)
 
     return dates
+
+
+def with_times(begun: Sequence[str]) -> list[str]:
+    """Returns the dates of versions of some code; those of one date have the time as well.
+
+    Args:
+        begun: when each version was first used, such as `2026-11-28T13:05:17+00:00`.
+    """
+    counts = Counter(created[:DATE] for created in begun)
+    return [
+        created[:DATE] if counts[created[:DATE]] == 1 else _minute(created) for created in begun
+    ]
+
+
+def _minute(created: str) -> str:
+    """Returns a time up to its minute, such as `2026-11-28 13:05`."""
+    return created[:_MINUTE].replace("T", " ")
 
 
 def encoder_words(encoders: Iterable[tuple[str, Mapping[str, Any], object]]) -> dict[str, str]:
@@ -65,7 +119,10 @@ def encoder_words(encoders: Iterable[tuple[str, Mapping[str, Any], object]]) -> 
         encoders: id, settings and when it was begun, of each encoder.
     """
     every = list(encoders)
-    dates = first_dates((settings.get("sources"), created) for _, settings, created in every)
+    dates = first_dates(
+        CodeVersion(str(settings.get("kind")), settings.get("sources"), created)
+        for _, settings, created in every
+    )
     alike: dict[str, dict[str, str]] = {}
     for id, settings, _ in every:
         others = {name: value for name, value in settings.items() if name != "sources"}

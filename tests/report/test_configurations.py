@@ -11,6 +11,7 @@ from jbench.report.report import table_files
 from jbench.settings.algorithms import algorithm_settings
 from jbench.store.listing import list_runs
 from jbench.store.tables import read_tables
+from tests.store.store_rows import alter_manifest
 
 
 def test_cell_groups_seeds_of_one_setting(fabric):
@@ -88,15 +89,16 @@ def test_runs_that_differ_only_in_the_code_of_their_encoder_are_named_by_it(fabr
         settings = {"kind": "mine:Six", "latents": 6, "seed": seed, "sources": code}
         record = fabric.results.create("encoder", id, {"task": "face_direction", **settings})
         record.finish({})
+        hour = "09" if code == "3f2a91aa" else f"1{seed}"
+        alter_manifest(record, created=f"2026-11-28T{hour}:05:00+00:00")
         for level in (500.0, 600.0):
             settings = {"representation": "mine6", "encoder": id, **with_defaults()}
             fabric.run([level] * 3, int(level), **settings)
 
-    today = record.manifest.created[:10]
     named = {config.words for config in Frames(fabric.results).source.configurations}
     assert named == {
-        f"code 3f2a91 of {today}",
-        f"code 07c4d5 of {today}",
+        "code 3f2a91 of 2026-11-28 09:05",
+        "code 07c4d5 of 2026-11-28 10:05",
         "encoder=face_direction/mine6/s01-07c4d5bb",
     }
     lines, _ = list_runs(fabric.results, {})

@@ -11,6 +11,7 @@ from jbench.report.frames import Frames
 from jbench.report.request import Request
 from jbench.store import Results, record_files, schema
 from jbench.store.tables import read_tables
+from tests.store.store_rows import alter_manifest
 
 EXPLAINED = {"pca": 0.9, "random": 0.5, "heuristic": 0.4, "pca_heuristic": 0.3}
 EXPLAINED["random_heuristic"] = 0.2
@@ -52,7 +53,7 @@ def test_row_holds_medians_across_seeds_of_kind_and_size(results):
 
 
 def test_encoders_of_changed_code_are_rows_named_by_code_and_date(results):
-    for code in ("3f2a91aa", "07c4d5bb"):
+    for code, hour in (("3f2a91aa", "09"), ("07c4d5bb", "17")):
         record = results.create(
             "encoder",
             f"face_direction/mine6/s0-{code}",
@@ -70,10 +71,13 @@ def test_encoders_of_changed_code_are_rows_named_by_code_and_date(results):
         errors = pa.Table.from_pylist([row], schema.TABLES["encoder_errors"])
         record.append({"encoder_errors": errors})
         record.finish({"test_mse": 0.1})
+        alter_manifest(record, created=f"2026-11-28T{hour}:05:00+00:00")
 
-    today = record.manifest.created[:10]
     table = table_of(results)
-    assert table["settings"].tolist() == [f"code 07c4d5 of {today}", f"code 3f2a91 of {today}"]
+    assert table["settings"].tolist() == [
+        "code 07c4d5 of 2026-11-28 17:05",
+        "code 3f2a91 of 2026-11-28 09:05",
+    ]
     assert table["seeds"].tolist() == [1, 1]
 
 

@@ -13,6 +13,7 @@ from jbench.report.frames import Frames
 from jbench.report.request import Request
 from jbench.settings.base import validated
 from jbench.store import Results
+from jbench.store.listing import list_runs
 from tests.store.store_rows import alter_manifest
 
 FLAT = np.full(40, 500.0)
@@ -91,12 +92,36 @@ class TestCompare:
         (one,) = Frames(fabric.results, Request(compare=sides)).comparisons.to_dict("records")
         assert (one["a"], one["b"], one["difference"]) == (*sides, 100)
 
+    def test_versions_of_code_of_one_day_are_named_and_compared_by_their_times(self, fabric):
+        versions = (
+            (500.0, "3f2a91", "2026-11-28T09:05:59+00:00"),
+            (600.0, "77c0d2", "2026-11-28T17:30:00+00:00"),
+            (700.0, "b10c4e", "2026-11-29T17:30:00+00:00"),
+        )
+        for level, code, created in versions:
+            for seed in range(3):
+                run = {"engine": "batched", "algo": "mine:Huber", "sources": code + "0" * 58}
+                alter_manifest(fabric.run(np.full(40, level), seed, **run), created=created)
+
+        names = sorted({*Frames(fabric.results, Request()).configurations["words"]})
+        assert names == [
+            "code 3f2a91 of 2026-11-28 09:05",
+            "code 77c0d2 of 2026-11-28 17:30",
+            "code b10c4e of 2026-11-29",
+        ]
+        sides = names[1], names[0]
+        (one,) = Frames(fabric.results, Request(compare=sides)).comparisons.to_dict("records")
+        assert (one["a"], one["b"], one["difference"]) == (*sides, 100)
+        lines, _ = list_runs(fabric.results, {})
+        assert {line.variant for line in lines} == {*names}
+
     def test_versions_of_code_without_a_checksum_are_compared_by_their_dates(self, fabric):
         """Older versions recorded the code in the provenance only."""
         versions = (
             (300.0, "2026-11-27", "a", {}),
             (400.0, "2026-11-28", "b", {}),
             (600.0, "2026-11-28", "c", {}),
+            (650.0, "2026-11-28", "f", {}),
             (700.0, "2026-11-28", "d", {"sources": "3f2a91" + "0" * 58}),
         )
         for level, date, digit, more in versions:
@@ -104,18 +129,22 @@ class TestCompare:
                 run = {"engine": "batched", "algo": "mine:Huber", **more}
                 record = fabric.run(np.full(40, level), seed, **run)
                 provenance = {**record.manifest.provenance, "source_sha256": 64 * digit}
-                created = f"{date}T10:00:00.{int(digit, 16)}+00:00"
+                # Two of these versions were first used in the same minute.
+                hour = {"f": 17}.get(digit, 10)
+                created = f"{date}T{hour}:00:00.{int(digit, 16)}+00:00"
                 alter_manifest(record, created=created, provenance=provenance)
 
         assert sorted(Frames(fabric.results, Request()).configurations["words"]) == [
             "code 3f2a91 of 2026-11-28",
             "code of 2026-11-27",
-            "code of 2026-11-28 (1)",
-            "code of 2026-11-28 (2)",
+            "code of 2026-11-28 10:00 (1)",
+            "code of 2026-11-28 10:00 (2)",
+            "code of 2026-11-28 17:00",
         ]
         for sides, difference in (
-            (("code of 2026-11-28 (2)", "code of 2026-11-27"), 300),
-            (("code=3f2a91", "algo=mine:Huber, code=2026-11-28 (1)"), 300),
+            (("code of 2026-11-28 10:00 (2)", "code of 2026-11-27"), 300),
+            (("code of 2026-11-28 17:00", "code of 2026-11-28 10:00 (2)"), 50),
+            (("code=3f2a91", "algo=mine:Huber, code=2026-11-28 10:00 (1)"), 300),
             (("code of 2026-11-27", "code 3f2a91 of 2026-11-28"), -400),
         ):
             (one,) = Frames(fabric.results, Request(compare=sides)).comparisons.to_dict("records")

@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 
 from jbench.report.data.configuration import Configuration
-from jbench.settings.code_words import DATE, code_checksums
+from jbench.settings.code_words import code_checksums, with_times
 from jbench.settings.recorded import comparable, without_code
 from jbench.store.code import Code, changed_files, code_of, have_changed
 
@@ -24,6 +24,7 @@ def recorded_code(provenance: object) -> dict[str, Any]:
 def _dated_code(runs: pd.DataFrame, alike: "pd.Series[str]") -> "pd.Series[str]":
     """Returns a name of the code of each run by its date, such as `code of 2026-11-28`.
 
+    Versions of one date have the time, `code of 2026-11-28 13:05`, and of one minute a number.
     Runs with equal settings may be of different code, since older versions recorded the code only
     in the provenance. Runs that lack a checksum are of the first code that does not contradict it.
     The name is "" for runs of whose code, and that of runs like them, nothing is recorded.
@@ -46,7 +47,7 @@ def _dated_code(runs: pd.DataFrame, alike: "pd.Series[str]") -> "pd.Series[str]"
             else:
                 clusters.append((dict(code), [index]))
 
-        dates = [str(runs.loc[members[0], "created"])[:DATE] for _, members in clusters]
+        dates = with_times([str(runs.loc[members[0], "created"]) for _, members in clusters])
         for position, (_, members) in enumerate(clusters):
             date = dates[position]
             number = dates[: position + 1].count(date)
@@ -100,7 +101,8 @@ def note_changes(
             for other in others.values():
                 files = changed_files(codes[other.runs[0]], codes[config.runs[0]])
                 what = have_changed(files) if files else "the code has changed"
-                begun = min(dates[run] for run in other.runs)[:DATE]
-                which = other.words or f"the runs of {begun}"
+                begun = [min(dates[run] for run in each.runs) for each in (config, other)]
+                _, date = with_times(begun)
+                which = other.words or f"the runs of {date}"
                 note = f"{what} between these runs and {which}: no curve has both"
                 config.notes = (*config.notes, note)

@@ -177,7 +177,7 @@ class _Process:
 
         return LastReturns(
             sparkline(self.curve, highest, lowest),
-            f"training return {text}",
+            f"episode return {text}",
             f"return {mean}" if len(values) == 1 else f"mean return {mean}",
             "" if published is None else f"(published {whole(published)})",
         )

@@ -53,7 +53,7 @@ def test_each_process_has_line_with_steps_and_last_returns(runs):
             view.show(episode(runs[run], steps, episode_return))
         (td3,) = (line for line in shown(view) if "td3" in line)
         assert td3.startswith("face_direction td3 full seed 0,1 3,000 of 20,000 steps ")
-        assert td3.endswith("▁▁▂ training return 100 7")
+        assert td3.endswith("▁▁▂ episode return 100 7")
         # The fifth rollout of 2,048 steps ends after 10,240.
         assert "face_direction ppo full seed 0 0 of 10,240 steps" in shown(view)
         assert any(line.startswith("0 of 3 runs ended 3,000 of ") for line in shown(view))
@@ -66,7 +66,7 @@ def test_published_median_at_same_step_follows_last_returns(tmp_path):
         view.show(episode(runs[0], 1_500_000, 12.4))
         view.show(episode(runs[1], 500_000, 999.6))
         # The mean of both is a million steps: Figure 9, digitized in published_curves.csv.
-        assert any("▁█ training return 12 1,000 (published 953)" in line for line in shown(view))
+        assert any("▁█ episode return 12 1,000 (published 953)" in line for line in shown(view))
     encoded = runs[0].model_copy(update={"representation": "planar12"})
     assert published_median(encoded, 1e6) is None
 
@@ -89,7 +89,7 @@ def test_ended_process_is_removed_and_its_runs_counted(runs, capsys):
         printed = capsys.readouterr()
         assert printed.out == ""
         assert "2 of 4 runs ended: " in printed.err
-        assert "td3 full seed 0,1: 10,000 of 20,000 steps, ▁ training return 50\n" in printed.err
+        assert "td3 full seed 0,1: 10,000 of 20,000 steps, ▁ episode return 50\n" in printed.err
 
 
 def test_line_without_news_is_not_printed_twice(runs, capsys):

@@ -18,6 +18,16 @@ from jbench.store.database import Results
 from jbench.store.tables import read_tables
 from jbench.wording import not_formula
 
+_TEXT = r"'(?:[^']|'')*'"
+"""A text in SQL."""
+
+_REPRESENTATIONS = re.compile(
+    rf"""\brepresentation"?\s*(?:=|==|!=|<>|(?:NOT\s+)?IN\s*\()\s*(?P<after>(?:{_TEXT}[\s,]*)+)"""
+    rf"""|(?P<before>{_TEXT})\s*(?:=|==|!=|<>)\s*(?:\w+\.)?"?representation\b""",
+    re.IGNORECASE,
+)
+"""Texts that SQL compares with a representation: `= 'full'`, `IN ('full', 'dae12')`."""
+
 
 class Answer(NamedTuple):
     """What one SELECT over the results returns.
@@ -25,7 +35,7 @@ class Answer(NamedTuple):
     Attributes:
         rows: of the SELECT.
         problems: an error for each damaged record, which is left out.
-        notes: sentences on names that the results have otherwise.
+        notes: sentences on representations that no row has.
     """
 
     rows: pd.DataFrame
@@ -52,32 +62,36 @@ def query_results(results: Results, sql: str) -> Answer:
 
 
 def _notes_on_names(sql: str, tables: Mapping[str, pa.Table]) -> list[str]:
-    """Returns a sentence for each representation that the SQL calls by the name that reports show.
+    """Returns a sentence for each representation in the SQL that no row of the tables has.
 
-    Reports show planar12 as planar, and SQL compares texts, so that 'planar' is found nowhere. A
-    text in SQL with the column `kind` may be a kind, which has this name.
+    SQL compares whole names: reports show planar12 as planar, and 'planar' is found nowhere.
     """
-    texts = set(re.findall(r"'([^']*)'", sql))
-    columns = set(re.findall(r"\w+", sql.lower())) & {"representation", "kind"}
-    if not texts or columns != {"representation"}:
-        return []
-
     recorded: set[str] = set()
     for table in tables.values():
         if "representation" in table.column_names:
             recorded.update(filter(None, table["representation"].unique().to_pylist()))
 
     notes = []
-    for text in sorted(texts - recorded):
+    for text in sorted(_representations_in(sql) - recorded if recorded else ()):
+        unknown = f"No row has the representation '{text}'"
         meant = sorted(name for name in recorded if shown_representation(name) == text)
         if meant:
             names_in_sql = ", ".join(f"'{name}'" for name in meant)
             notes.append(
-                f"No run has the representation '{text}': SQL has whole names. Type "
-                f"representation IN ({names_in_sql})."
+                f"{unknown}: SQL has whole names. Type representation IN ({names_in_sql})."
             )
+        else:
+            notes.append(f"{unknown}; there are {', '.join(sorted(recorded))}.")
 
     return notes
+
+
+def _representations_in(sql: str) -> set[str]:
+    """Returns the texts with which the SQL compares the column `representation`."""
+    compared = (match["after"] or match["before"] for match in _REPRESENTATIONS.finditer(sql))
+    return {
+        text[1:-1].replace("''", "'") for texts in compared for text in re.findall(_TEXT, texts)
+    }
 
 
 def named_tables(sql: str) -> set[str]:

@@ -76,14 +76,38 @@ def test_query_never_spills_to_disk(filled):
     assert rows(filled, sql) == [[""]]
 
 
+@pytest.mark.parametrize(
+    ("condition", "unknown"),
+    [
+        ("representation = 'dae12'", ["dae12"]),
+        ("representation = 'full'", []),
+        ("r.\"representation\" NOT IN ('full', 'pca4', 'it''s')", ["it's", "pca4"]),
+        ("'dae12' <> r.representation", ["dae12"]),
+        # Other texts are no representations.
+        ("r.run = 'dae12' AND representation LIKE 'd%'", []),
+        ("representation = 'full' AND algo = 'sac'", []),
+    ],
+)
+def test_a_query_for_an_unknown_representation_gets_those_that_there_are(
+    results, condition, unknown
+):
+    assert query.query_results(results, f"SELECT run FROM runs r WHERE {condition}").notes == []
+    add_run(results, "full/s0", [10.0], representation="full")
+    add_run(results, "planar/s0", [10.0], representation="planar12")
+    found = query.query_results(results, f"SELECT run FROM runs r WHERE {condition}")
+    assert found.notes == [
+        f"No row has the representation '{name}'; there are full, planar12." for name in unknown
+    ]
+
+
 def test_a_query_with_the_name_that_reports_show_gets_the_one_in_sql(results, run_command):
     add_run(results, "planar/s0", [10.0], representation="planar12", encoder="e/planar12/s0")
     sql = "SELECT run FROM runs WHERE representation = {}"
     says = (
-        "No run has the representation 'planar': SQL has whole names. Type "
+        "No row has the representation 'planar': SQL has whole names. Type "
         "representation IN ('planar12')."
     )
-    for name, notes in (("'planar'", [says]), ("'planar12'", []), ("'dae12'", [])):
+    for name, notes in (("'planar'", [says]), ("'planar12'", [])):
         assert query.query_results(results, sql.format(name)).notes == notes
 
     shipped = results_to_read("reference")  # it has encoders of the kind planar, for three tasks
@@ -97,5 +121,5 @@ def test_a_query_with_the_name_that_reports_show_gets_the_one_in_sql(results, ru
 
     code, out, err = run_command("query", sql.format("'planar'"), "--csv", results=results.path)
     assert (code, out, err) == (0, "run\n", f"Warning: {says}\n")
-    with pytest.warns(UserWarning, match="No run has the representation 'planar'"):
+    with pytest.warns(UserWarning, match="No row has the representation 'planar'"):
         assert jbench.open(results.path).query(sql.format("'planar'")).empty

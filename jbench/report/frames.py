@@ -5,6 +5,7 @@ A figure, its tooltips, a table of the page, its CSV, LaTeX and Markdown are fun
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
+from typing import Any
 
 import pandas as pd
 
@@ -36,10 +37,8 @@ from jbench.store.tables import published_rows
 
 DEFAULT = Request()  # a report of all runs
 
-Maker = Callable[["Frames"], pd.DataFrame]
 
-
-def _frame(make: Maker) -> "cached_property[pd.DataFrame]":
+def _frame(make: Callable[["Frames"], pd.DataFrame]) -> "cached_property[pd.DataFrame]":
     """Returns a property that makes a frame when it is first asked for.
 
     Each text of it is one line, without control characters, however it was recorded.
@@ -57,11 +56,13 @@ class Frames:
 
     Attributes:
         returns: the kind of return that is shown first, and that of pairs, profiles, predictions.
+        made: what the functions that are decorated by `once` have made of the frames.
     """
 
     def __init__(self, results: Results | None, request: Request = DEFAULT) -> None:
         """Reads the results; a NothingYetError without runs, a WorkError if none can be read."""
         self.request = request
+        self.made: dict[Callable[[Frames], Any], Any] = {}
         self._results = results
         self._source, self._compared = read(results, request)
         self._every = self._source.configurations

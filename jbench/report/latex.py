@@ -56,7 +56,7 @@ class _Made:
 
 def to_latex(table: Table) -> str:
     """Returns a table whose caption explains its words."""
-    every, _ = table.shown()
+    every, _ = table.shown
     rows = table.frame.to_dict("records")
     has_tasks = len(every) > 1 and every[0].key == TASK.key
     groups = _groups(every[0], rows) if has_tasks else [""] * len(rows)

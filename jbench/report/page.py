@@ -73,7 +73,7 @@ def render(frames: Frames, made: Sequence[Chart]) -> str:
 
 def _shown(table: Table) -> tuple[Table, str, list[Column], list[list[tuple[Any, str]]]]:
     """Returns a table, its caption, and its columns and rows with any text."""
-    columns, rows = table.shown()
+    columns, rows = table.shown
     return table, table.explained(columns), columns, rows
 
 

@@ -7,6 +7,7 @@ import io
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -70,8 +71,9 @@ class Table:
     rows shows ranks.
     """
 
+    @cached_property
     def shown(self) -> tuple[list[Column], list[list[tuple[Any, str]]]]:
-        """Returns the columns with any text, and the value that sorts and the text of each cell."""
+        """The columns with any text, and the value that sorts and the text of each cell."""
         rows = [
             [(row[column.key], column.text(row)) for column in self.columns]
             for row in self.frame.to_dict("records")
@@ -96,7 +98,7 @@ class Table:
 
     def texts(self) -> pd.DataFrame:
         """Returns the table as people read it, without the columns that are empty."""
-        columns, rows = self.shown()
+        columns, rows = self.shown
         titles = [column.title for column in columns]
         return pd.DataFrame([[text for _, text in row] for row in rows], columns=titles)
 
@@ -112,7 +114,7 @@ def to_csv(frame: pd.DataFrame) -> str:
 
 def to_markdown(table: Table) -> str:
     """Returns a table in GitHub's Markdown, with its title and caption above."""
-    columns, rows = table.shown()
+    columns, rows = table.shown
     lines = [
         [column.title for column in columns],
         ["---:" if column.numeric else "---" for column in columns],

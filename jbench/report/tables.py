@@ -14,6 +14,7 @@ from jbench.report.data.source_names import FILE, OWN
 from jbench.report.encoders import PREDICTED
 from jbench.report.frames import Frames
 from jbench.report.numbers import ratio, steps
+from jbench.report.once import once
 from jbench.report.table import (
     ALGO,
     INTERVAL,
@@ -42,6 +43,7 @@ _DIVERGED = (
 )
 
 
+@once
 def tables(frames: Frames) -> list[Table]:
     """Returns the tables of a report that have rows, in the order of the page."""
     made = (
@@ -104,6 +106,7 @@ def _averages(agents: pd.DataFrame) -> tuple[str, str]:
     return ("IQM", "median") if lacks_median.any() else ("median", "IQM")
 
 
+@once
 def _final_returns(frames: Frames) -> Table:
     """Returns the table of final returns: trained agents, then random and hand-written policies."""
     agents = frames.lead(frames.configurations)
@@ -200,6 +203,7 @@ def for_paper(table: Table, frames: Frames) -> Table:
     return table.of(asked or ("task", _agent(frames).title, OBSERVED.title, "seeds", average))
 
 
+@once
 def notes(frames: Frames) -> list[str]:
     """Returns the notes of a report: those on its runs, and one on columns without any value."""
     return [*frames.notes, *_without_cells(frames)]
@@ -212,7 +216,7 @@ def _without_cells(frames: Frames) -> list[str]:
         return []
 
     table = for_paper(_final_returns(frames), frames)
-    shown, _ = table.shown()
+    shown, _ = table.shown
     empty = [column.title for column in table.columns if column not in shown]
     if not empty:
         return []

@@ -12,6 +12,7 @@ from jbench.report.comparison_tables import COMPARED
 from jbench.report.data.source_names import OWN
 from jbench.report.frames import Frames
 from jbench.report.numbers import signed, texts
+from jbench.report.once import once
 from jbench.statistics.bootstrap import DECIDING_SEEDS
 from jbench.studies.deciding import margin
 
@@ -96,6 +97,7 @@ class VerdictMatrix:
         return sum(len(rows) for rows in self.groups.values())
 
 
+@once
 def verdict_matrices(frames: Frames) -> list[VerdictMatrix]:
     """Returns the verdicts in tables, that of the most representations first."""
     verdicts = frames.lead(frames.verdicts)

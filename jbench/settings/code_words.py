@@ -67,9 +67,7 @@ def code_dates(runs: Iterable[tuple[Run, object]]) -> dict[str, str]:
     Args:
         runs: settings, and when the run was begun.
     """
-    return first_dates(
-        version for run, created in runs for version in _code_versions(run, created)
-    )
+    return first_dates(version for run, created in runs for version in _code_versions(run, created))
 
 
 def first_dates(versions: Iterable[CodeVersion]) -> dict[str, str]:

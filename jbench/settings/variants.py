@@ -156,40 +156,85 @@ def _labels(
     in_words: bool = False,
     always: Mapping[str, Collection[SettingPath]] | None = None,
 ) -> dict[str, list[str]]:
-    """Returns the words of labels of variants, made by a form of names and values.
+    """Returns the label of each variant: a text for each setting in which the variants differ.
 
-    If `in_words`, options of ours at their default are left out. Of each variant, the settings in
-    `always` are named even if all variants agree.
+    A label has the `_NAMED_SETTINGS` most important of them. Where that leaves out some, or makes
+    two labels equal, each label ends with the name of its variant.
+
+    Args:
+        settings: by variant.
+        form: returns the text of a setting by its name and value, or nothing for one that needs no
+            text. The value of a setting that a variant does not have is `...`.
+        left_out: names of settings that no label has.
+        in_words: whether options of ours at their default are left out.
+        always: of each variant, the settings that its label has even if all variants agree.
     """
-    flat = {v: with_base(flatten(values), only_recorded=in_words) for v, values in settings.items()}
-    if in_words:
-        flat = with_encoders(flat)
-
     always = always or {}
-    paths = dict.fromkeys(path for values in flat.values() for path in values)
-    differing = differing_paths(flat.values())
-    kept = differing.union(*always.values())
-    named = [path for path in paths if path in kept and path[0] not in left_out]
-    names = _names(named)
+    values = _comparable_values(settings, in_words=in_words)
+    differing = differing_paths(values.values())
+    candidates = differing.union(*always.values())
+    every_path = dict.fromkeys(path for each in values.values() for path in each)
+    names = _names([p for p in every_path if p in candidates and p[0] not in left_out])
 
     labels = {}
-    has_all = True
-    for variant in sorted(flat, key=lambda v: ([_rank(flat[v].get(path)) for path in named], v)):
-        values = flat[variant]
-        texts = {path: form(names[path], values.get(path, ...)) for path in named}
-        for path in {*always.get(variant, ())}.intersection(named, values):
-            texts[path] = texts[path] or f"{names[path]}={_text(values[path])}"
+    is_cut = False
+    for variant in _in_order(values, names):
+        texts = _texts(values[variant], names, form, always.get(variant, ()))
+        shown = _most_important(texts, values[variant], differing)
+        is_cut = is_cut or len(shown) < len(texts)
+        labels[variant] = [text for path, text in texts.items() if path in shown]
 
-        ranked = _by_importance([path for path in named if texts[path]], values, differing)
-        shown = {*ranked[:_NAMED_SETTINGS]}
-        has_all = has_all and len(shown) == len(ranked)
-        labels[variant] = [texts[path] for path in named if path in shown]
-
-    # Labels must stay distinct, even if settings are left out or values are cut short.
-    if not has_all or len(set(map(tuple, labels.values()))) < len(labels):
-        labels = {variant: [*label, f"{CUT} ({variant})"] for variant, label in labels.items()}
+    # Values that are cut short may be equal as well.
+    are_distinct = len({*map(tuple, labels.values())}) == len(labels)
+    if is_cut or not are_distinct:
+        return {variant: [*label, f"{CUT} ({variant})"] for variant, label in labels.items()}
 
     return labels
+
+
+def _comparable_values(
+    settings: Mapping[str, Run | Mapping[str, Any]], *, in_words: bool
+) -> Mapping[str, Flat]:
+    """Returns the settings of each variant as labels compare them; see `_labels`."""
+    flat = {
+        variant: with_base(flatten(each), only_recorded=in_words)
+        for variant, each in settings.items()
+    }
+    return with_encoders(flat) if in_words else flat
+
+
+def _in_order(values: Mapping[str, Flat], paths: Collection[SettingPath]) -> list[str]:
+    """Returns the variants, sorted by their values of these settings, numbers by size."""
+
+    def key(variant: str) -> tuple[list[tuple[int, float, str]], str]:
+        return [_rank(values[variant].get(path)) for path in paths], variant
+
+    return sorted(values, key=key)
+
+
+def _texts(
+    values: Flat,
+    names: Mapping[SettingPath, str],
+    form: Callable[[str, Any], str],
+    always: Collection[SettingPath],
+) -> dict[SettingPath, str]:
+    """Returns the texts of the settings of a variant, without those that need none.
+
+    Args:
+        values: of the variant.
+        names: of the settings that labels may have.
+        form: see `_labels`.
+        always: settings that have a text even if `form` returns none.
+    """
+    texts = {}
+    for path, name in names.items():
+        text = form(name, values.get(path, ...))
+        if not text and path in always and path in values:
+            text = f"{name}={_text(values[path])}"
+        if text:
+            texts[path] = text
+
+    return texts
 
 
 def _names(paths: Collection[SettingPath]) -> dict[SettingPath, str]:
@@ -198,13 +243,19 @@ def _names(paths: Collection[SettingPath]) -> dict[SettingPath, str]:
     return {path: path[-1] if ends[path[-1]] == 1 else ".".join(path) for path in paths}
 
 
-def _by_importance(
+def _most_important(
     paths: Collection[SettingPath], values: Flat, differing: Container[SettingPath]
-) -> list[SettingPath]:
-    """Returns first the settings that tell variants apart, and of these first the unusual ones."""
+) -> set[SettingPath]:
+    """Returns the settings of a variant for which a label has room.
+
+    First come those that tell variants apart, and of these the ones that are not as published.
+    """
     algo = values.get(("algo",))
-    usual = bases(algo)["published"] if algo in SETTINGS else {}
-    return sorted(paths, key=lambda p: (p not in differing, values.get(p) == usual.get(p)))
+    published = bases(algo)["published"] if algo in SETTINGS else {}
+    ranked = sorted(
+        paths, key=lambda path: (path not in differing, values.get(path) == published.get(path))
+    )
+    return {*ranked[:_NAMED_SETTINGS]}
 
 
 def _text(value: Any) -> str:

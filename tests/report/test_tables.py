@@ -217,7 +217,7 @@ def test_variability_is_that_of_three_seeds_or_more(fabric, seeds, shown):
         fabric.run(np.full(40, 500.0), seed, evaluated={40_000: 800.0 + seed})
     table = next(one for one in tables(Frames(fabric.results)) if one.name == "final_returns")
     assert {"s", "detectable"} & {*table.texts()} == shown
-    assert ("Detectable: " in table.explained(table.shown()[0])) == bool(shown)
+    assert ("Detectable: " in table.explained(table.shown[0])) == bool(shown)
 
 
 def test_policies_stand_beside_agents_and_labels_apart_from_algorithms_of_the_paper(fabric):

@@ -1,16 +1,18 @@
 """Tests of the files of a report, and of those of an earlier report in the same directory."""
 
 import json
+from collections import Counter
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from jbench.errors import RequestError, WorkError
-from jbench.report import page
+from jbench.report import page, tables
 from jbench.report.frames import Frames
 from jbench.report.report import LISTING, _write, write_report
 from jbench.report.request import Request
+from jbench.report.table import Table
 
 FLAT = np.full(40, 500.0)
 SVG = Request(formats=("svg",))
@@ -23,8 +25,17 @@ def filled(fabric):
     return fabric.results
 
 
-def test_report_is_page_list_and_two_folders(filled, out):
+def test_report_is_page_list_and_two_folders(filled, out, monkeypatch):
+    made = Counter()
+
+    def make_table(name, *about, **more):
+        made[name] += 1
+        return Table(name, *about, **more)
+
+    monkeypatch.setattr(tables, "Table", make_table)
     found, files, _ = write_report(filled, out, SVG)
+    assert tables.tables(found)[0].name == "final_returns"  # as the terminal shows them
+    assert made == dict.fromkeys(("final_returns", "leaderboard", "encoders", "runs"), 1)
     assert {path.name for path in out.iterdir()} == {"index.html", LISTING, "figures", "tables"}
     assert sorted(files) == sorted(path for path in out.rglob("*") if path.is_file())
     figures = {path.name for path in (out / "figures").iterdir()}

@@ -1,6 +1,9 @@
 """Learning curves: by representation, by algorithm, on augmented robots, by processor time."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import partial
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -15,16 +18,35 @@ from jbench.report.frames import Frames
 from jbench.report.style import Look, Looks
 from jbench.returns import EVALUATION, TRAINING
 
-_BESIDE = {PUBLISHED: "published, training", IMPORTED: "imported"}  # dotted curves in legends
+_DOTTED = {PUBLISHED: "published, training", IMPORTED: "imported"}  # curves of dots in legends
 _UNEQUAL = 3  # ratio of lengths from which the axis is logarithmic
 _GROUP = ["task", "algo", "words", "source"]
+_CURVE = ["configuration", "returns"]  # columns that name a curve, and the seeds that it is of
 _LONGER = 1.02  # ratio of the ends of a seed and of a curve from which the seed is drawn on
 _UNITS = ((7200, 3600, "hours"), (120, 60, "minutes"), (0, 1, "seconds"))
 
 
+@dataclass(frozen=True)
+class _Beside:
+    """What is drawn beside the medians of a panel.
+
+    Attributes:
+        published: points of the paper's curves, with a column `series`; drawn as dots.
+        seeds: points of single seeds by `_CURVE`, drawn as thin lines.
+        policies: returns of policies without training, drawn as levels.
+    """
+
+    published: pd.DataFrame | None = None
+    seeds: Mapping[Any, pd.DataFrame] = field(default_factory=dict)
+    policies: pd.DataFrame | None = None
+
+
+_NOTHING = _Beside()
+
+
 def drawn_points(rows: pd.DataFrame) -> pd.DataFrame:
     """Returns the points of curves that are drawn, at most `MOST_POINTS` of each."""
-    curves = rows.groupby(["configuration", "returns"]).indices.values()
+    curves = rows.groupby(_CURVE).indices.values()
     kept = [places[marks.thinned(len(places))] for places in curves]
     return rows.iloc[np.sort(np.concatenate(kept))] if kept else rows
 
@@ -64,7 +86,8 @@ def augmented_sequences(frames: Frames) -> Chart:
     rows = rows.assign(series=rows["algo"] + " " + rows["representation"])
     theirs = rows["source"] == PUBLISHED
     looks = style.looks(rows[~theirs], "series", "algo")
-    panels = by_task(rows[~theirs], partial(_draw_curves, looks=looks, published=rows[theirs]))
+    beside = _Beside(published=rows[theirs])
+    panels = by_task(rows[~theirs], partial(_draw_curves, looks=looks, beside=beside))
     note = "training returns: median and 10 to 90% of seeds; dotted: the paper's"
     return Chart("sequences", "Augmented robots in sequence", note, panels, looks)
 
@@ -114,13 +137,16 @@ def _chart(
 
     panels = []
     sources = set[str]()
+    is_longer = _have_longer_seeds(frames.run_curves, curves)
+    seeds = _thin_lines(frames, curves, is_longer)
     groups = curves.groupby(by, sort=False)
     # A single panel has the width of the page.
     size = {1: (9.6, 3.0), 2: (5.6, 2.9)}.get(groups.ngroups, (4.2, 2.5))
     for key, rows in groups:
-        old = _beside(published, rows, name)
+        old = _published_beside(published, rows, name)
         sources.update(old["source"])
-        draw = partial(_draw_curves, looks=looks, published=old, frames=frames)
+        beside = _Beside(old, seeds, frames.baselines)
+        draw = partial(_draw_curves, looks=looks, beside=beside)
         versions: dict[str, Draw] = {}
         shown = [kind for kind in kinds if (rows["returns"] == kind).any()]
         for kind in shown:
@@ -134,27 +160,52 @@ def _chart(
         words = [str(word) for word in key if word and word != OWN]
         panels.append(Panel(", ".join(words), versions, size))
 
-    beside = " and ".join(name for source, name in _BESIDE.items() if source in sources)
+    dots = " and ".join(name for source, name in _DOTTED.items() if source in sources)
     dotted = Look(style.SOFT, style.PUBLISHED_DASH, "", len(looks))
-    legend = {**looks, **({beside: dotted} if beside else {})}
+    legend = {**looks, **({dots: dotted} if dots else {})}
     band = "10 to 90% of seeds" if curves["q10"].notna().any() else "each seed"
     note = f"median and {band}"
     if frames.interpolated:
         note += "; seeds logged at different steps are interpolated between their points"
-    if len(_beyond(frames.run_curves, curves)):
+    if any(is_longer.values()):
         note += "; thin: single seeds after the last step that every seed has reached"
 
     switches = [pair for pair in (kinds, scales) if len(pair) > 1]
     return Chart(name, title, note, panels, legend, switches, data="curves")
 
 
-def _beyond(seeds: pd.DataFrame, curves: pd.DataFrame) -> pd.DataFrame:
-    """Returns the points of single seeds that are clearly after the ends of their curves."""
-    keys = ["configuration", "returns"]
-    ends = curves.groupby(keys)["steps"].max()
-    after = ends.reindex(pd.MultiIndex.from_frame(seeds[keys])).to_numpy(float)
-    last = seeds.groupby([*keys, "run"])["steps"].transform("max")
-    return seeds[(last > _LONGER * after) & (seeds["steps"] >= after)]
+def _have_longer_seeds(seeds: pd.DataFrame, curves: pd.DataFrame) -> dict[Any, bool]:
+    """Returns whether a seed goes on clearly after the end of its curve, by `_CURVE`."""
+    ends = curves.groupby(_CURVE, sort=False)["steps"].max()
+    last = seeds.groupby(_CURVE, sort=False)["steps"].max().reindex(ends.index)
+    return (last > _LONGER * ends).to_dict()
+
+
+def _thin_lines(
+    frames: Frames, curves: pd.DataFrame, is_longer: Mapping[Any, bool]
+) -> dict[Any, pd.DataFrame]:
+    """Returns the points of single seeds that are drawn as thin lines, by `_CURVE`.
+
+    All are, where there are too few seeds for a band or a reader asks for them. Else they are drawn
+    where they go on after the end of their curve, which is that of the shortest seed.
+    """
+    seeds = dict(iter(frames.run_curves.groupby(_CURVE, sort=False)))
+    lines: dict[Any, pd.DataFrame] = {}
+    for key, curve in curves.groupby(_CURVE, sort=False):
+        if key not in seeds or curve["seeds"].iloc[0] < 2:
+            continue
+        if frames.request.each_seed or curve["q10"].isna().all():
+            lines[key] = seeds[key]
+        elif is_longer[key]:
+            lines[key] = _after(seeds[key], float(curve["steps"].max()))
+
+    return lines
+
+
+def _after(seeds: pd.DataFrame, end: float) -> pd.DataFrame:
+    """Returns the points after the end of a curve, of the single seeds that are clearly longer."""
+    last = seeds.groupby("run")["steps"].transform("max")
+    return seeds[(last > _LONGER * end) & (seeds["steps"] >= end)]
 
 
 def _kinds(curves: pd.DataFrame, leading: str) -> list[str]:
@@ -163,7 +214,7 @@ def _kinds(curves: pd.DataFrame, leading: str) -> list[str]:
     return [kind for kind in kinds if (curves["returns"] == kind).any()]
 
 
-def _beside(published: pd.DataFrame, rows: pd.DataFrame, name: str) -> pd.DataFrame:
+def _published_beside(published: pd.DataFrame, rows: pd.DataFrame, name: str) -> pd.DataFrame:
     """Returns the published points beside curves, up to their end, and at least some."""
     asked = published["algo"].isin(rows["algo"]) | (published["source"] == IMPORTED)  # --baseline
     old: pd.DataFrame = published[(published["task"] == rows["task"].iloc[0]) & asked]
@@ -185,17 +236,12 @@ def _draw_curves(
     axes: Axes,
     *,
     looks: Looks,
-    published: pd.DataFrame | None = None,
-    frames: Frames | None = None,
+    beside: _Beside = _NOTHING,
     scale: str = "linear",
     x: str = "control steps",
     y: str = "return",
 ) -> None:
-    """Draws the curves of a panel, of one kind of return; frames have a column `series`.
-
-    Those of runs, of the frames if given, are drawn where there are too few seeds for a band, and
-    after the end of the shortest seed, where the curve of all seeds ends.
-    """
+    """Draws the curves of a panel, of one kind of return; their points have a column `series`."""
     if axes.has_data():  # of another kind of return
         axes.clear()
 
@@ -204,20 +250,15 @@ def _draw_curves(
         look = looks[str(name)]
         line = curve[["steps", "median", "q10", "q90"]]
         marks.add_line(axes, line, _tips(str(name), curve), look, alpha)
-        if frames and curve["seeds"].iloc[0] > 1:
-            seeds = frames.run_curves
-            keys = ["configuration", "returns"]
-            mine = seeds[(seeds[keys] == curve[keys].iloc[0]).all(axis=1)]
-            if line["q10"].notna().any() and not frames.request.each_seed:
-                mine = _beyond(mine, curve)
-            thin = {"alpha": 0.5, "linewidth": mpl.rcParams["lines.linewidth"] / 2} | look.ink
-            for _, seed in mine.groupby("run", sort=False):
+        thin = {"alpha": 0.5, "linewidth": mpl.rcParams["lines.linewidth"] / 2} | look.ink
+        if (seeds := beside.seeds.get(tuple(curve[_CURVE].iloc[0]))) is not None:
+            for _, seed in seeds.groupby("run", sort=False):
                 axes.plot(seed["steps"], seed["value"], **thin)
 
-    if published is not None:
-        _draw_published(axes, published[published["task"].isin(rows["task"])], looks)
+    if beside.published is not None:
+        _draw_published(axes, beside.published[beside.published["task"].isin(rows["task"])], looks)
 
-    policies = frames.baselines if frames else None
+    policies = beside.policies
     levels = () if policies is None else policies["median"][policies["task"].isin(rows["task"])]
     marks.set_axes(axes, rows, scale, [*levels])
     axes.set(xlabel=x, ylabel=y)

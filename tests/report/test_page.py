@@ -327,6 +327,25 @@ def test_panels_to_unfold_are_as_wide_as_others_and_named_once(shipped_page, ope
 
 
 @pytest.mark.slow
+def test_panels_beside_each_other_begin_at_one_height(shipped_page, opened):
+    shown = opened(shipped_page).page
+    places = shown.locator("#representations .panel:visible").evaluate_all(
+        """(panels) => panels.map((panel) => {
+          const svg = [...panel.querySelectorAll("svg")].find((one) => one.checkVisibility());
+          const title = panel.querySelector("h3").getBoundingClientRect();
+          const top = panel.getBoundingClientRect().top;
+          return [top, title.height, svg.getBoundingClientRect().top];
+        })"""
+    )
+    rows = {row: [place[1:] for place in places if place[0] == row] for row, *_ in places}
+    # Of the first three titles, one has two lines.
+    assert max(height for height, _ in rows[min(rows)]) > min(
+        height for height, _ in rows[min(rows)]
+    )
+    assert all(len({svg for _, svg in row}) == 1 for row in rows.values())
+
+
+@pytest.mark.slow
 def test_legends_have_the_marks_that_are_drawn(shipped_page, opened):
     figure = opened(shipped_page).page.locator("#predictions")
     pairs = figure.locator(".legend path").evaluate_all(

@@ -7,14 +7,14 @@ import pandas as pd
 
 from jbench.names import kind_in, shown_representation
 from jbench.report.data.configuration import ID, Curves
-from jbench.report.data.curves import NAMES, centers
+from jbench.report.data.curves import QUANTILE_COLUMNS, centers
 from jbench.report.data.points import long_frame
 from jbench.report.data.source_names import IMPORTED
 from jbench.returns import TRAINING
 from jbench.settings.algorithms import display_name
 from jbench.statistics import bootstrap as st
 
-CURVES = [*ID, "steps", "seeds", "window", *NAMES.values(), "robots", "robot_steps"]
+CURVES = [*ID, "steps", "seeds", "window", *QUANTILE_COLUMNS, "robots", "robot_steps"]
 RUN_CURVES = ["configuration", "source", "run", "seed", "returns", "steps", "value"]
 PUBLISHED_CURVES = [
     "task",
@@ -25,7 +25,7 @@ PUBLISHED_CURVES = [
     "source",
     "seeds",
     "steps",
-    *NAMES.values(),
+    *QUANTILE_COLUMNS,
 ]
 
 
@@ -40,7 +40,7 @@ def curve_frame(curves: Curves) -> pd.DataFrame:
     for config, curve in curves:
         arrays = {"steps": curve.control_steps, "window": curve.widths}
         banded = curve.seeds >= st.MIN_SEEDS
-        for row, name in zip(curve.quantiles, NAMES.values(), strict=True):
+        for row, name in zip(curve.quantiles, QUANTILE_COLUMNS, strict=True):
             arrays[name] = row if banded or name == "median" else np.full(len(row), np.nan)
         robot_steps = config.robot_episodes * config.longest / config.returns.shape[1]
         names = {

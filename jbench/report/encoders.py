@@ -73,13 +73,8 @@ def encoder_frame(tables: Mapping[str, pd.DataFrame], task: str | None = None) -
     medians = {name: (name, "median") for name in _MEDIANS}
     groups = rows.groupby(_COLUMNS[:5], as_index=False)
     frame = groups.agg(seeds=("seed", "nunique"), **medians)
-    orders = {"task": TASKS, "kind": tuple(ENCODER_KINDS)}
-
-    return frame[_COLUMNS].sort_values(
-        ["task", "kind", "settings", "latents", "representation"],
-        key=lambda k: k.map(in_order(k, orders[k.name]).index) if k.name in orders else k,
-        ignore_index=True,
-    )
+    order = ["task", "kind", "settings", "latents", "representation"]
+    return frame[_COLUMNS].sort_values(order, key=_places, ignore_index=True)
 
 
 def kept_frame(tables: Mapping[str, pd.DataFrame], task: str | None = None) -> pd.DataFrame:
@@ -106,12 +101,18 @@ def kept_frame(tables: Mapping[str, pd.DataFrame], task: str | None = None) -> p
     least = frame.groupby(["task", "representation"])["kept"].transform("min")
     frame = frame[least < _WHOLE]
 
-    return frame[columns].sort_values(
-        ["task", "representation"],
-        key=lambda k: k.map(in_order(k, TASKS).index) if k.name == "task" else k,
-        kind="stable",
-        ignore_index=True,
-    )
+    order = ["task", "representation"]
+    return frame[columns].sort_values(order, key=_places, kind="stable", ignore_index=True)
+
+
+def _places(column: pd.Series) -> pd.Series:
+    """Returns what a column is sorted by: places of tasks and kinds, other values themselves."""
+    known = {"task": TASKS, "kind": tuple(ENCODER_KINDS)}.get(str(column.name))
+    if known is None:
+        return column
+
+    ordered = in_order(column, known)
+    return column.map(ordered.index)
 
 
 def prediction_frame(configurations: Configurations, encoders: pd.DataFrame) -> pd.DataFrame:

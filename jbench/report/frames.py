@@ -66,7 +66,7 @@ class Frames:
         self._results = results
         self._source, self._compared = read(results, request)
         self._every = self._source.configurations
-        self._shown = rename(self._every, request.names)
+        self._new_names = rename(self._every, request.names)
         kinds = {config.kind for config in self._every}
         self.returns = request.returns if request.returns in kinds or not kinds else kinds.pop()
         self.metrics = map_texts(self._source.tables["metrics"])
@@ -103,7 +103,7 @@ class Frames:
         return [config for config in self._every if config.source != IMPORTED]
 
     @cached_property
-    def _specs(self) -> policies.Shown:
+    def _specs(self) -> policies.RecordedSpecs:
         """What is recorded of each task of jbench; those of a file may be anything."""
         return policies.specs_by_task(c for c in self._every if c.source != FILE)
 
@@ -119,8 +119,8 @@ class Frames:
         return papers if self.request.published == "yes" else papers.iloc[:0]
 
     @cached_property
-    def _figures(self) -> pd.DataFrame:
-        """The paper's curves on single robots."""
+    def _papers_on_one_robot(self) -> pd.DataFrame:
+        """The paper's curves but that on a sequence of augmented robots."""
         return self._papers[self._papers["figure"] != SEQUENCE]
 
     @cached_property
@@ -211,7 +211,7 @@ class Frames:
         """The paper's curves, and the imported ones that are drawn like them."""
         beside = [pair for pair in self._curves if self._is_baseline(pair[0])]
         algo = self.request.algo
-        return published_frame(self._figures, set(self._specs), algo, beside)
+        return published_frame(self._papers_on_one_robot, set(self._specs), algo, beside)
 
     @_frame
     def baselines(self) -> pd.DataFrame:
@@ -258,7 +258,7 @@ class Frames:
         leading = self.lead(self._by_configuration)
         by_hand = policies.hand_written_returns(self._source.tables)
         ranked = leading[leading["source"] != FILE]
-        return leaderboard(ranked, by_hand, self._figures, self.request.algo)
+        return leaderboard(ranked, by_hand, self._papers_on_one_robot, self.request.algo)
 
     # Encoders, policies and single runs.
 
@@ -266,7 +266,7 @@ class Frames:
     def encoders(self) -> pd.DataFrame:
         """What encoders lose and predict."""
         encoders = encoder_frame(self._source.tables, self.request.task)
-        return encoders.assign(representation=encoders["representation"].replace(self._shown))
+        return encoders.assign(representation=encoders["representation"].replace(self._new_names))
 
     @_frame
     def predictions(self) -> pd.DataFrame:
@@ -277,7 +277,7 @@ class Frames:
     def kept(self) -> pd.DataFrame:
         """What encoders keep of each feature of the observation."""
         kept = kept_frame(self._source.tables, self.request.task)
-        return kept.assign(representation=kept["representation"].replace(self._shown))
+        return kept.assign(representation=kept["representation"].replace(self._new_names))
 
     @_frame
     def motor(self) -> pd.DataFrame:

@@ -111,26 +111,37 @@ def _sentence(clauses: Mapping[str, str], verdicts: pd.DataFrame) -> str:
 
 def _clauses(verdicts: pd.DataFrame) -> Iterator[tuple[str, str]]:
     """Yields outcomes and a clause on each: with which representations, agents, on which tasks."""
-    several = verdicts["algo"].nunique() > 1
-    where: dict[str, dict[str, list[str]]] = {}
+    names_agents = verdicts["algo"].nunique() > 1
+    # Of each outcome, the representations by where it is found.
+    found: dict[str, dict[str, list[str]]] = {}
     for representation, rows in verdicts.groupby("representation", sort=False):
-        outcomes: dict[str, dict[str, list[str]]] = {}
-        for task, group in rows.groupby("task", sort=False):
-            outcome, algos = _outcome(group)
-            who = f" ({in_prose(algos, 'and')})" if several and algos else ""
-            outcomes.setdefault(outcome, {}).setdefault(who, []).append(str(task))
-
-        for outcome, agents in outcomes.items():
-            for who, tasks in agents.items():
-                everywhere = len(tasks) == rows["task"].nunique()
-                on = "" if everywhere else f" on {in_prose(tasks, 'and')}"
-                where.setdefault(outcome, {}).setdefault(on + who, []).append(str(representation))
+        for outcome, where in _outcomes(rows, names_agents):
+            found.setdefault(outcome, {}).setdefault(where, []).append(str(representation))
 
     for outcome, verb in _OUTCOMES.items():
-        if outcome in where:
-            parts = sorted(where[outcome].items())
-            texts = [f"with {in_prose(names, 'and')}{on}" for on, names in parts]
+        if outcome in found:
+            parts = sorted(found[outcome].items())
+            texts = [f"with {in_prose(names, 'and')}{where}" for where, names in parts]
             yield outcome, f"{verb} {', and '.join(texts)}"
+
+
+def _outcomes(rows: pd.DataFrame, names_agents: bool) -> Iterator[tuple[str, str]]:
+    """Yields the outcomes of a representation, and in words where: ` on face_direction (TD3)`.
+
+    Args:
+        rows: verdicts on the representation.
+        names_agents: whether the algorithms are named.
+    """
+    tasks: dict[tuple[str, str], list[str]] = {}
+    for task, group in rows.groupby("task", sort=False):
+        outcome, algos = _outcome(group)
+        agents = f" ({in_prose(algos, 'and')})" if names_agents and algos else ""
+        tasks.setdefault((outcome, agents), []).append(str(task))
+
+    for (outcome, agents), names in tasks.items():
+        everywhere = len(names) == rows["task"].nunique()
+        on = "" if everywhere else f" on {in_prose(names, 'and')}"
+        yield outcome, on + agents
 
 
 def _outcome(rows: pd.DataFrame) -> tuple[str, list[str]]:

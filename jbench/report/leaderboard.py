@@ -10,7 +10,7 @@ from jbench.names import FULL, HEURISTIC
 from jbench.report.configurations import configuration_frame
 from jbench.report.data import sources
 from jbench.report.data.configuration import in_order, with_returns
-from jbench.report.data.curves import CURVE, SEQUENCE, read_published
+from jbench.report.data.curves import PUBLISHED_KEY, SEQUENCE, read_published
 from jbench.report.data.source_names import IMPORTED, OWN, PUBLISHED
 from jbench.report.policies import hand_written_returns
 from jbench.report.request import Request
@@ -47,9 +47,11 @@ def ranked_configurations(
     parts = []
     by_hand = dict[str, FloatArray]()
     for name, results in directories.items():
-        ours, theirs = (OWN, IMPORTED) if len(directories) == 1 else (name, f"{name}: {IMPORTED}")
-        parts.append(sources.own(results, request, ours, strict=False))
-        parts.append(sources.imported(results, request, theirs))
+        is_alone = len(directories) == 1
+        trained = OWN if is_alone else name
+        imported = IMPORTED if is_alone else f"{name}: {IMPORTED}"
+        parts.append(sources.own(results, request, trained, strict=False))
+        parts.append(sources.imported(results, request, imported))
 
     for part in parts:
         for task, returns in hand_written_returns(part.tables).items():
@@ -126,8 +128,8 @@ def _hand_written(by_hand: Mapping[str, FloatArray]) -> pd.DataFrame:
 
 def _published(published: pd.DataFrame, tasks: Collection[str], algo: str | None) -> pd.DataFrame:
     """Returns entries of published agents: of each its longest curve, or the best of several."""
-    ends = published[published["task"].isin(tasks)].groupby(CURVE).last()
-    entries = ends.sort_values(["steps", "median"]).groupby(CURVE[1:]).last().reset_index()
+    ends = published[published["task"].isin(tasks)].groupby(PUBLISHED_KEY).last()
+    entries = ends.sort_values(["steps", "median"]).groupby(PUBLISHED_KEY[1:]).last().reset_index()
     steps = entries["steps"].round().astype(int)
     entries = entries.assign(entry=PUBLISHED, steps=steps, steps_min=steps)
     entries["algo"] = entries["algo"].map(display_name)

@@ -28,8 +28,8 @@ RANDOM = "random"
 
 _BASELINES = ["task", "policy", "median", "low", "high", "q10", "q90", "episodes"]
 
-Shown = Mapping[str, Sequence[Mapping[str, Any]]]
-"""By task, what each configuration that is shown records of it: its `Specs`."""
+RecordedSpecs = Mapping[str, Sequence[Mapping[str, Any]]]
+"""By task, what each configuration of a report records of it: its `Specs`."""
 
 FULL_SPEED = 180.0  # rad/s of the motor, an observation of 1
 _REACH = 2.0  # m from the origin; the fastest gait moves 0.14 m in a second
@@ -37,7 +37,7 @@ _SHOWN = 4  # policies in a figure
 _BINS = 80  # of positions, along each axis
 
 
-def specs_by_task(configurations: Iterable[Configuration]) -> Shown:
+def specs_by_task(configurations: Iterable[Configuration]) -> RecordedSpecs:
     """Returns what configurations record of their task, by task; manifests are untrusted."""
     found: dict[str, list[Mapping[str, Any]]] = {}
     for config in configurations:
@@ -51,7 +51,7 @@ def _recorded_specs(settings: Mapping[str, Any]) -> Mapping[str, Any]:
     return specs if isinstance(specs, Mapping) else {}
 
 
-def baseline_frame(shown: Shown, tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
+def baseline_frame(shown: RecordedSpecs, tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
     """Returns the returns of policies without training.
 
     Those on the Jitterbug are shipped (`benchmarks/baselines.py` writes them). Random actions on
@@ -75,7 +75,7 @@ def baseline_frame(shown: Shown, tables: Mapping[str, pd.DataFrame]) -> pd.DataF
     return rows[rows["task"].isin(shown)].reset_index(drop=True)
 
 
-def without_baseline(shown: Shown, tables: Mapping[str, pd.DataFrame]) -> list[str]:
+def without_baseline(shown: RecordedSpecs, tables: Mapping[str, pd.DataFrame]) -> list[str]:
     """Returns a sentence on each task whose random actions are not shown; see `baseline_frame`."""
     every = {*_evaluations(tables, RANDOM)["task"]}
     fitting = {*_evaluations(tables, RANDOM, shown)["task"]}
@@ -120,7 +120,7 @@ def hand_written_returns(tables: Mapping[str, pd.DataFrame]) -> dict[str, FloatA
 
 
 def evaluated_returns(
-    tables: Mapping[str, pd.DataFrame], policy: str, shown: Shown | None = None
+    tables: Mapping[str, pd.DataFrame], policy: str, shown: RecordedSpecs | None = None
 ) -> dict[str, FloatArray]:
     """Returns the finite returns (episodes,) of a policy without training, by task.
 
@@ -136,7 +136,7 @@ def evaluated_returns(
 
 
 def _evaluations(
-    tables: Mapping[str, pd.DataFrame], policy: str, shown: Shown | None = None
+    tables: Mapping[str, pd.DataFrame], policy: str, shown: RecordedSpecs | None = None
 ) -> pd.DataFrame:
     """Returns the row of the evaluation of a policy without training that counts, of each task.
 

@@ -6,7 +6,7 @@ The first seven kinds and all algorithms have colors that the color-blind tell a
 
 import io
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import cycle
 from typing import Any, NamedTuple
 
@@ -127,33 +127,51 @@ def looks(rows: pd.DataFrame, name: str, by: str | None = None) -> dict[str, Loo
     are columns: of the names of series, and of what has a color each, `kind` or one of algorithms.
     """
     by = by or ("kind" if rows["kind"].nunique() > 1 else "algo")
-    known, others = (_KINDS, _OTHER_KINDS) if by == "kind" else (_ALGORITHMS, _OTHER_ALGORITHMS)
     groups = dict(zip(rows[name], rows[by], strict=True))
-    if by == "kind":  # `planar-mirror` has the color of `planar`
-        for series, kind in groups.items():
-            families = [family for family in known if f"{kind}-".startswith(f"{family}-")]
-            groups[series] = max(families, key=len, default=kind)
+    if by == "kind":
+        groups = {series: _family(kind) for series, kind in groups.items()}
 
-    new = sorted({*groups.values()} - {*known})
-    known = known | dict(zip(new, cycle(others), strict=False))
+    colors = _colors([*groups.values()], by)
+    places = [*colors]
     order = [*groups]
-    places = [*known]
     if by == "kind":  # the shortest name, such as `dae12` beside `dae12-whitened`, is solid
         order.sort(key=lambda series: (places.index(groups[series]), len(series), series))
 
     count = Counter[str]()
     chosen = {}
     for number, series in enumerate(order):
-        group = groups[series]
-        before = count[known[group]]
-        # After all dashes were used they are stretched, so that no two are equal.
-        turns, index = divmod(before - 1, len(_DASHES))
-        dash = tuple(length * (1 + 0.7 * turns) for length in _DASHES[index]) if before else ()
-        place = places.index(group) + 4 * before  # neighbors look similar
-        chosen[series] = Look(known[group], dash, _MARKERS[place % len(_MARKERS)], number)
-        count[known[group]] += 1
+        color = colors[groups[series]]
+        before = count[color]
+        place = places.index(groups[series]) + 4 * before  # neighbors look similar
+        marker = _MARKERS[place % len(_MARKERS)]
+        chosen[series] = Look(color, _dash(before), marker, number)
+        count[color] += 1
 
     return chosen
+
+
+def _family(kind: str) -> str:
+    """Returns the longest known kind with which a kind begins: `planar` for `planar-mirror`."""
+    families = [family for family in _KINDS if f"{kind}-".startswith(f"{family}-")]
+    return max(families, key=len, default=kind)
+
+
+def _colors(groups: Sequence[str], by: str) -> dict[str, str]:
+    """Returns the colors of all known kinds or algorithms, and of the new ones among these."""
+    known = _KINDS if by == "kind" else _ALGORITHMS
+    others = _OTHER_KINDS if by == "kind" else _OTHER_ALGORITHMS
+    new = sorted({*groups} - {*known})
+    return known | dict(zip(new, cycle(others), strict=False))
+
+
+def _dash(before: int) -> Dash:
+    """Returns the dash of a series, of whose color there are some before; the first is solid."""
+    if not before:
+        return ()
+
+    # After all dashes were used they are stretched, so that no two are equal.
+    turns, index = divmod(before - 1, len(_DASHES))
+    return tuple(length * (1 + 0.7 * turns) for length in _DASHES[index])
 
 
 def image(figure: Figure, ending: str) -> bytes:

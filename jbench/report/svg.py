@@ -7,6 +7,7 @@ a mark, which matplotlib keeps as a link, becomes its title.
 
 import io
 import re
+from collections.abc import Sequence
 from xml.etree import ElementTree
 
 import matplotlib as mpl
@@ -167,12 +168,10 @@ def _share(group: ElementTree.Element) -> None:
         return  # it would move what clips a part
 
     texts = [part for part in parts if next(part.iter("text"), None) is not None]
-    for name, alike in [(name, parts) for name in _SHARED] + [(name, texts) for name in _WRITTEN]:
-        values = {part.get(name) for part in alike}
-        if len(values) == 1 and None not in values and not group.get(name):
-            group.set(name, str(values.pop()))
-            for part in alike:
-                part.attrib.pop(name)
+    for name in _SHARED:
+        _move_up(name, parts, group)
+    for name in _WRITTEN:
+        _move_up(name, texts, group)
 
     for i, part in enumerate(group):
         inner = part[0] if part.tag == "g" and len(part) == 1 else part
@@ -180,3 +179,12 @@ def _share(group: ElementTree.Element) -> None:
         if not part.attrib or not (inner.tag in ("g", "use") or inner.get("transform")):
             inner.attrib = part.attrib | inner.attrib
             group[i] = inner
+
+
+def _move_up(name: str, parts: Sequence[ElementTree.Element], group: ElementTree.Element) -> None:
+    """Moves an attribute from parts of a group to the group, if all have the same value."""
+    values = {part.get(name) for part in parts}
+    if len(values) == 1 and None not in values and not group.get(name):
+        group.set(name, str(values.pop()))
+        for part in parts:
+            part.attrib.pop(name)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jbench.report.analysis.claims import published_findings
-from jbench.report.data.curves import CURVE
+from jbench.report.data.curves import PUBLISHED_KEY
 
 
 def expected(ends, row):
@@ -25,7 +25,7 @@ def expected(ends, row):
 
 
 def test_findings_are_those_of_the_curves(published):
-    groups = published.groupby(CURVE)
+    groups = published.groupby(PUBLISHED_KEY)
     ends = groups.last()
     ends["over_run"] = [
         np.trapezoid(curve["median"], curve["steps"]) / np.ptp(curve["steps"])

@@ -210,23 +210,31 @@ def _common(*compared: Configuration) -> tuple[str, str, int, str]:
 
 def _on_pair(claim: str, pair: Pair, baseline: str) -> Finding:
     """Tests a claim on the returns of a reduced representation and of its baseline."""
+    is_ratio = claim in _RATIOS
     sample = pair.sample(*_STATISTICS[claim])
-    effect = outer = sample.estimate()
-    low = 1.0 if claim in _RATIOS else 0.0
+    contradicting = sample.estimate()
+    supporting = contradicting
+    low = 1.0 if is_ratio else 0.0
     high = np.inf
     if claim == "a":  # two one-sided tests at 5%
-        effect = sample.estimate(0.9)
+        supporting = sample.estimate(0.9)
         high = margin(pair.ours.task)
         low = -high
 
-    decided = decide(effect, pair.seeds, low, high, outer=outer, logarithmic=claim in _RATIOS)
-
-    compared = f"{pair.ours.name} against {baseline}"
+    decided = decide(supporting, pair.seeds, low, high, outer=contradicting, logarithmic=is_ratio)
     returns, source, at, remark = _common(*pair.sides)
     finding = Finding(
-        claim, compared, effect, pair.seeds, decided, returns, source, at, remark=remark
+        claim=claim,
+        compared=f"{pair.ours.name} against {baseline}",
+        effect=supporting,
+        seeds=pair.seeds,
+        decided=decided,
+        returns=returns,
+        source=source,
+        steps=at,
+        remark=remark,
     )
-    return _without_episodes(finding, pair) if claim in _RATIOS else finding
+    return _without_episodes(finding, pair) if is_ratio else finding
 
 
 def _without_episodes(finding: Finding, pair: Pair) -> Finding:

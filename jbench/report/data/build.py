@@ -58,15 +58,21 @@ def divergence(recorded: str | None) -> tuple[float, str]:
         return np.nan, ""
 
     values: Any = json.loads(recorded)
-    steps, update = (
-        value if isinstance(value, int) and 0 <= value < 1 << 62 else None
-        for value in (values.get("control_steps"), values.get("update"))
-    )
-    words = [f"after {steps or 0:,} control steps", "" if update is None else f"update {update:,}"]
-    if isinstance(values.get("what"), str):
-        words.append(values["what"])
+    steps = _count(values.get("control_steps")) or 0
+    update = _count(values.get("update"))
+    words = [f"after {steps:,} control steps"]
+    if update is not None:
+        words.append(f"update {update:,}")
+    what = values.get("what")
+    if isinstance(what, str) and what:
+        words.append(what)
 
-    return steps or 0, ", ".join(filter(None, words))
+    return steps, ", ".join(words)
+
+
+def _count(recorded: object) -> int | None:
+    """Returns a recorded count, or None if it is none."""
+    return recorded if isinstance(recorded, int) and 0 <= recorded < 1 << 62 else None
 
 
 def build(

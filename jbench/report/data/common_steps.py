@@ -25,6 +25,14 @@ SeedPoints = tuple[FloatArray, FloatArray]
 """Ascending control steps (points,), each once, and the mean returns (points,) at them."""
 
 
+class _Logged(NamedTuple):
+    """The points of one seed at which its return is finite."""
+
+    steps: FloatArray  # (points,), ascending
+    returns: FloatArray  # (points,)
+    seconds: FloatArray  # (points,) of processor time; NaN if it was not recorded
+
+
 class CommonPoints(NamedTuple):
     """Returns of the seeds that have any, at control steps that all of them have reached."""
 
@@ -53,35 +61,39 @@ def at_common_steps(
     finite = np.isfinite(returns) & np.isfinite(control_steps)
     known: BoolArray = np.asarray(finite.any(axis=1))
     seeds = [
-        (steps[row], values[row], seconds[row])
-        for steps, values, seconds, row in zip(control_steps, returns, times, finite, strict=True)
-        if row.any()
+        _Logged(control_steps[seed, points], returns[seed, points], times[seed, points])
+        for seed, points in enumerate(finite)
+        if points.any()
     ]
     if not seeds:
         nothing = np.empty((0, 0))
         return CommonPoints(np.empty(0), nothing, nothing, known, False)
 
-    first = max(steps[0] for steps, _, _ in seeds)
-    last = min(steps[-1] for steps, _, _ in seeds)
-    inside = [(steps >= first) & (steps <= last) for steps, _, _ in seeds]
-    logged = [steps[within] for (steps, _, _), within in zip(seeds, inside, strict=True)]
-
-    if first <= last and all(np.array_equal(steps, logged[0]) for steps in logged):
-        kept = list(zip(seeds, inside, strict=True))
-        values = np.array([values[within] for (_, values, _), within in kept])
-        seconds = np.array([seconds[within] for (_, _, seconds), within in kept])
-        return CommonPoints(logged[0], values, seconds, known, False)
+    first = max(seed.steps[0] for seed in seeds)
+    last = min(seed.steps[-1] for seed in seeds)
+    shared = [_between(seed, first, last) for seed in seeds]
+    steps = shared[0].steps
+    if first <= last and all(np.array_equal(seed.steps, steps) for seed in shared):
+        values = np.array([seed.returns for seed in shared])
+        seconds = np.array([seed.seconds for seed in shared])
+        return CommonPoints(steps, values, seconds, known, False)
 
     if first > last:
         grid = np.empty(0)
     elif kind == TRAINING:
-        grid = np.linspace(first, last, max(2, *map(len, logged)))
+        grid = np.linspace(first, last, max(2, *(len(seed.steps) for seed in shared)))
     else:
-        grid = np.unique(np.concatenate(logged))
+        grid = np.unique(np.concatenate([seed.steps for seed in shared]))
 
-    values = np.array([interpolated(distinct(steps, v), grid) for steps, v, _ in seeds])
-    seconds = np.array([interpolated(distinct(steps, s), grid) for steps, _, s in seeds])
+    values = np.array([interpolated(distinct(seed.steps, seed.returns), grid) for seed in seeds])
+    seconds = np.array([interpolated(distinct(seed.steps, seed.seconds), grid) for seed in seeds])
     return CommonPoints(grid, values, seconds, known, True)
+
+
+def _between(seed: _Logged, first: float, last: float) -> _Logged:
+    """Returns the points of a seed from one control step to another one, both included."""
+    inside = (seed.steps >= first) & (seed.steps <= last)
+    return _Logged(seed.steps[inside], seed.returns[inside], seed.seconds[inside])
 
 
 def distinct(control_steps: FloatArray, values: FloatArray) -> SeedPoints:

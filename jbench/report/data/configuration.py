@@ -44,9 +44,11 @@ class Configuration:
 
     Attributes:
         returns, control_steps, processor_time, deviations, counts: (seeds, points); see `Points`.
-        diverged_at, diverged_returns: (seeds,) when in control steps, NaN for never; and as what.
+        diverged_at: (seeds,) control steps after which each diverged; NaN if it did not.
+        diverged_returns: (seeds,) return that each counts with from then on; see `diverged_return`.
         lengths: (seeds,) number of points of each run.
-        last_step, longest: last control step that every seed has reached, or any.
+        last_step: last control step that every seed has reached.
+        longest: last control step that any seed has reached.
         steps: (seeds,) control steps of training: as planned for finished runs, else up to the last
             episode.
         evaluate_every: (seeds,) control steps between evaluations; 0 if they are unknown.

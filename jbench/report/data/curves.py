@@ -17,9 +17,11 @@ from jbench.task_specs import episode_steps
 QUANTILES = (10, 25, 50, 75, 90)  # percent, across seeds
 SEQUENCE = "augmented SAC"  # the authors' curve of SAC on augmented robots in sequence
 
-# Columns of quantiles in frames, and those that name a curve.
-NAMES = {f"q{percent}": "median" if percent == 50 else f"q{percent}" for percent in QUANTILES}
-CURVE = ["figure", "task", "algo", "representation"]
+QUANTILE_COLUMNS = ("q10", "q25", "median", "q75", "q90")
+"""What frames call the `QUANTILES`."""
+
+PUBLISHED_KEY = ["figure", "task", "algo", "representation"]
+"""Columns that name a published curve."""
 
 
 class Curve(NamedTuple):
@@ -180,17 +182,23 @@ def read_published(table: pa.Table) -> pd.DataFrame:
     Figure 8 with a wider, estimated band is left out.
     """
     rows: pd.DataFrame = table.to_pandas(use_threads=False)
-    rows = rows[rows["figure"] != "fig8-10-90"]
-    index = [*CURVE, "control_steps"]
-    wide = rows.set_index([*index, "quantile"])["episode_return"].unstack().reset_index()
-    wide.columns = pd.Index([*CURVE, "steps", *(NAMES[f"q{q}"] for q in wide.columns[5:])])
-    wide = wide[wide["median"].notna()].reindex(columns=[*CURVE, "steps", *NAMES.values()])
-    sequence = wide["figure"] == "augmented-sac"
-    figure = wide["figure"].str.replace("fig", "Figure ").where(~sequence, SEQUENCE)
-    representation = wide["representation"].where(~sequence, FULL)
-    seeds = np.where(figure == "Figure 7", 1, 10)
-    wide = wide.assign(figure=figure, representation=representation, source=PUBLISHED, seeds=seeds)
-    return wide.astype({"steps": float})
+    rows = rows[rows["figure"] != "fig8-10-90"].rename(columns={"control_steps": "steps"})
+
+    point = [*PUBLISHED_KEY, "steps"]
+    points = rows.set_index([*point, "quantile"])["episode_return"].unstack()
+    points = points.rename(columns=dict(zip(QUANTILES, QUANTILE_COLUMNS, strict=True)))
+    points = points.reset_index().rename_axis(columns=None)
+    points = points[points["median"].notna()].reindex(columns=[*point, *QUANTILE_COLUMNS])
+
+    is_sequence = points["figure"] == "augmented-sac"
+    figure = points["figure"].str.replace("fig", "Figure ").where(~is_sequence, SEQUENCE)
+    points = points.assign(
+        figure=figure,
+        representation=points["representation"].where(~is_sequence, FULL),
+        source=PUBLISHED,
+        seeds=np.where(figure == "Figure 7", 1, 10),
+    )
+    return points.astype({"steps": float})
 
 
 def best_median(
@@ -207,7 +215,7 @@ def best_median(
     if length is None:  # the paper has curves of the Jitterbug only
         return None
 
-    for column, name in zip(CURVE[1:], names, strict=True):
+    for column, name in zip(PUBLISHED_KEY[1:], names, strict=True):
         published = published[published[column] == name]
 
     medians = []

@@ -13,7 +13,6 @@ from jbench.report.frames import Frames
 from jbench.report.request import Request
 from jbench.settings.base import validated
 from jbench.store import Results
-from jbench.store.listing import list_runs
 from tests.store.store_rows import alter_manifest
 
 FLAT = np.full(40, 500.0)
@@ -112,8 +111,6 @@ class TestCompare:
         sides = names[1], names[0]
         (one,) = Frames(fabric.results, Request(compare=sides)).comparisons.to_dict("records")
         assert (one["a"], one["b"], one["difference"]) == (*sides, 100)
-        lines, _ = list_runs(fabric.results, {})
-        assert {line.variant for line in lines} == {*names}
 
     def test_versions_of_code_without_a_checksum_are_compared_by_their_dates(self, fabric):
         """Older versions recorded the code in the provenance only."""

@@ -68,6 +68,7 @@ def to_latex(table: Table) -> str:
     width = sum(column.width for column in made)
     fills = _fills_line(made)
     environment = "tabularx" if fills else "tabular"
+    packages = "booktabs,tabularx" if fills else "booktabs"
     room = r"{\linewidth}" if fills else ""
     sides = "".join("X" if fills and column.has_lines else column.sides for column in made)
     body = []
@@ -80,7 +81,7 @@ def to_latex(table: Table) -> str:
         body.append(f"{' & '.join(cells)} {end}")
 
     lines = [
-        r"% \usepackage{booktabs,tabularx}",
+        rf"% \usepackage{{{packages}}}",
         r"\begin{table}",
         r"\centering",
         rf"\caption{{{escaped(f'{title} {table.explained(every)}')}}}",

@@ -115,6 +115,7 @@ LONG_NAMES = ["dae12-whitened-epochs-800", "full, batch_size=64", "full"]
 
 def test_long_names_in_latex_have_several_lines_in_what_is_left_of_the_line():
     text = to_latex(table(name=LONG_NAMES, n=[1, 2, 3]))
+    assert text.startswith("% \\usepackage{booktabs,tabularx}\n\\begin{table}\n")
     assert "\n\\begin{tabularx}{\\linewidth}{@{}Xl@{}}\n" in text
     assert "\n\\end{tabularx}\n" in text
     assert "\\raggedright dae12-whitened-epochs-800 & 1 \\\\\n" in text
@@ -130,6 +131,7 @@ def test_long_names_in_latex_have_a_width_beside_more_columns_than_fit_a_line():
     others = {f"c{i}": ["0123456789abcd"] * 3 for i in range(5)}
     assert r"{tabularx}" in to_latex(table(name=LONG_NAMES, **others))
     text = to_latex(table(name=LONG_NAMES, **others, n=[1, 2, 3]))
+    assert text.startswith("% \\usepackage{booktabs}\n\\begin{table}\n")
     assert "\n\\begin{tabular}{@{}p{7em}llllll@{}}\n" in text
 
 

@@ -62,23 +62,19 @@ def to_latex(table: Table) -> str:
     groups = _groups(every[0], rows) if has_tasks else [""] * len(rows)
     columns = every[1:] if any(groups) else every
     made = [_numbers(c, rows) if c.numeric else _texts(c, rows) for c in columns]
-    title = table.title if table.title.endswith("?") else f"{table.title}."
     # After \raggedright of a last cell, \\ would end a line of that.
     end = r"\tabularnewline" if made and made[-1].has_lines else r"\\"
-    width = sum(column.width for column in made)
-    fills = _fills_line(made)
-    environment = "tabularx" if fills else "tabular"
-    packages = "booktabs,tabularx" if fills else "booktabs"
-    room = r"{\linewidth}" if fills else ""
-    sides = "".join("X" if fills and column.has_lines else column.sides for column in made)
-    body = []
-    for group, *cells in zip(groups, *(column.cells for column in made), strict=True):
-        if group:
-            body += [
-                r"\midrule",
-                rf"\multicolumn{{{width}}}{{@{{}}l}}{{\emph{{{escaped(group)}}}}} {end}",
-            ]
-        body.append(f"{' & '.join(cells)} {end}")
+    title = table.title if table.title.endswith("?") else f"{table.title}."
+    if _fills_line(made):
+        packages = "booktabs,tabularx"
+        environment = "tabularx"
+        width = r"{\linewidth}"
+        sides = "".join("X" if column.has_lines else column.sides for column in made)
+    else:
+        packages = "booktabs"
+        environment = "tabular"
+        width = ""
+        sides = "".join(column.sides for column in made)
 
     lines = [
         rf"% \usepackage{{{packages}}}",
@@ -88,16 +84,37 @@ def to_latex(table: Table) -> str:
         rf"\label{{tab:{table.name.replace('_', '-')}}}",
         r"\footnotesize",
         r"\setlength{\tabcolsep}{3pt}",
-        rf"\begin{{{environment}}}{room}{{@{{}}{sides}@{{}}}}",
+        rf"\begin{{{environment}}}{width}{{@{{}}{sides}@{{}}}}",
         r"\toprule",
         f"{' & '.join(column.heading for column in made)} {end}",
         *([] if any(groups) else [r"\midrule"]),
-        *body,
+        *_body(groups, made, end),
         r"\bottomrule",
         rf"\end{{{environment}}}",
         r"\end{table}",
     ]
     return "\n".join(lines) + "\n"
+
+
+def _body(groups: Sequence[str], made: Sequence[_Made], end: str) -> list[str]:
+    """Returns the lines of the rows, and a line with the task above those of each task.
+
+    Args:
+        groups: the task where its rows begin, else an empty text.
+        made: the columns.
+        end: command at the end of a row.
+    """
+    width = sum(column.width for column in made)
+    lines = []
+    for group, *cells in zip(groups, *(column.cells for column in made), strict=True):
+        if group:
+            lines += [
+                r"\midrule",
+                rf"\multicolumn{{{width}}}{{@{{}}l}}{{\emph{{{escaped(group)}}}}} {end}",
+            ]
+        lines.append(f"{' & '.join(cells)} {end}")
+
+    return lines
 
 
 def _fills_line(made: Sequence[_Made]) -> bool:

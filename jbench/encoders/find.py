@@ -189,13 +189,15 @@ class Draws(NamedTuple):
     ids: dict[int, str]
 
 
-def find_draws(results: Results, name: str, task: str, seeds: Sequence[int]) -> Draws:
+def find_draws(
+    results: Results, name: str, task: str, seeds: Sequence[int], accept_changed: bool = False
+) -> Draws:
     """Returns the encoders of these seeds with the settings of the named one.
 
     Raises:
-        RequestError: if there is none for one of the seeds.
+        RequestError: if there is none for one of the seeds, and as `find_encoder`.
     """
-    record = results.find("encoder", find_encoder(results, name, task))
+    record = results.find("encoder", find_encoder(results, name, task, accept_changed))
     assert record is not None
     settings = EncoderSettings(**record.settings)
     ids = {seed: settings.model_copy(update={"seed": seed}).id for seed in seeds}

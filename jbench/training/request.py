@@ -70,7 +70,7 @@ def request_runs(
         fields["encoder"] = encoder_id
         fields["representation"] = read_representation(results, encoder_id, accept_changed)
         if encoder_seeds == "each":
-            draws = find_draws(results, encoder, task, seeds)
+            draws = find_draws(results, encoder, task, seeds, accept_changed)
             fields["encoder_draws"] = draws.hash
             encoders = draws.ids
 

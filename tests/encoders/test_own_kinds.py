@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from jbench import sources
-from jbench.encoders import load_encoder
+from jbench.encoders import find_draws, load_encoder
 from jbench.encoders.registry import find_kind, latent_sizes
 from jbench.encoders.settings import encoder_settings
 from jbench.encoders.states import States
@@ -112,6 +112,16 @@ def test_encoder_of_an_edited_file_is_refused(mine, trained, results, tmp_path):
     sources._known.clear()  # as in another process
     with pytest.raises(ChangedCodeError, match=rf"vae\.pt has changed since .* {record.id}"):
         load_encoder(results, record.id)
+
+
+def test_encoders_of_all_seeds_are_found_by_accepted_code(mine, trained, results, tmp_path):
+    record = made("mine:MyVAE", trained, results, scale="observation")
+    (tmp_path / "vae.pt").write_bytes(b"other weights")
+    sources._known.clear()  # as in another process
+    name = record.path.parent.name
+    with pytest.raises(ChangedCodeError, match=r"vae\.pt has changed since"):
+        find_draws(results, name, TASK, [2])
+    assert find_draws(results, name, TASK, [2], accept_changed=True).ids == {2: record.id}
 
 
 @pytest.mark.parametrize(

@@ -119,9 +119,9 @@ def _settings(cell: Cell) -> ConfigurationSettings:
 
     part = None
     changed = ""
-    if cell.arm is not None:
-        part = cell.arm.part.name
-        changes = cell.arm.part.hyperparameters.get(cell.algo, {})
+    if cell.arms:
+        part = cell.arms[0].part.name
+        changes = cell.arms[0].part.hyperparameters.get(cell.algo, {})
         changed = ", ".join(f"{name}={value}" for name, value in changes.items())
 
     return ConfigurationSettings(

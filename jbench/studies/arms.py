@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Any
 
 from jbench.errors import RequestError
-from jbench.names import FULL, Base, shown_representation
+from jbench.names import FULL, Base, kind_in, shown_representation
 from jbench.settings.algorithms import (
     SETTINGS,
     algorithm_settings,
@@ -51,12 +51,13 @@ class Arm:
     @property
     def own_encoders(self) -> bool:
         """Whether each agent has an encoder of its own."""
-        return self.part.encoder.seed == "each" and self.run.ofe is None and not self._is_given
+        return self.part.encoder.seed == "each" and self._has_encoder_to_train
 
     @property
-    def _is_given(self) -> bool:
-        """Whether there is no encoder to train."""
-        return self.representation == FULL or "/" in self.representation
+    def _has_encoder_to_train(self) -> bool:
+        """Whether a sweep trains the encoder: it is not given, and features are no encoder."""
+        is_given = self.representation == FULL or "/" in self.representation
+        return not is_given and self.fields["ofe"] is None
 
     @cached_property
     def fields(self) -> dict[str, Any]:
@@ -117,10 +118,18 @@ class Arm:
 
     @property
     def training_key(self) -> str:
-        """A key that is equal for arms with the same runs, whose encoders are trained alike."""
-        part = self.part.model_dump(mode="json")
-        encoders = None if self._is_given else [part["encoder"], part["dataset"]]
-        return canonical_json({"arm": [self.key, encoders]})
+        """A key that is equal for arms with the same runs, whose encoders are trained alike.
+
+        Options that a part has for other kinds of encoders do not count.
+        """
+        trained = None
+        if self._has_encoder_to_train:
+            part = self.part.model_dump(mode="json")
+            encoder = part["encoder"]
+            options = encoder["options"].get(kind_in(self.representation))
+            trained = [encoder["seed"], options, part["dataset"]]
+
+        return canonical_json({"arm": [self.key, trained]})
 
 
 def run_key(run: Run, steps: int) -> str:

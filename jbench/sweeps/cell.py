@@ -35,7 +35,7 @@ class Cell:
         representation: as typed: full, dae12, or the id of an encoder.
         encoders: settings of the runs' encoders, which are trained on the dataset if they are
             missing; empty for the full observation, and for an encoder given by its id.
-        arm: the arm of a study whose runs these are, if any.
+        arms: the arms of a study whose runs these are, if any: several, if parts repeat them.
         notes: sentences on recorded runs of other code.
     """
 
@@ -46,7 +46,7 @@ class Cell:
     settings: Base
     encoders: tuple[EncoderSettings, ...] = ()
     dataset: DatasetSettings | None = None
-    arm: Arm | None = field(default=None, compare=False)
+    arms: tuple[Arm, ...] = field(default=(), compare=False)
     notes: tuple[str, ...] = ()
 
 
@@ -72,14 +72,17 @@ def matrix_cells(parts: Parts, results: Results, accept_changed: bool = False) -
             for kind, options in part.encoder.options.items():
                 make_kind(kind, options)  # which checks them, also if unused
 
-    # Cells may be repeated, also by another name: planar is planar12.
-    different: dict[tuple[str, ...], Cell] = {}
+    # Arms may have the same runs, also by another name: planar is planar12.
+    cells: dict[tuple[str, ...], Cell] = {}
     for arm in arms(parts):
         with named(arm.where):
             cell = _cell(arm, results, accept_changed)
-        different.setdefault(tuple(run.id for run in cell.runs), cell)
+        ids = tuple(run.id for run in cell.runs)
+        if ids in cells:
+            cell = replace(cells[ids], arms=(*cells[ids].arms, arm))
+        cells[ids] = cell
 
-    return list(different.values())
+    return list(cells.values())
 
 
 def _cell(arm: Arm, results: Results, accept_changed: bool) -> Cell:
@@ -121,7 +124,7 @@ def _cell(arm: Arm, results: Results, accept_changed: bool) -> Cell:
         settings=arm.settings,
         encoders=tuple(encoders.values()),
         dataset=dataset,
-        arm=arm,
+        arms=(arm,),
         notes=tuple(notes),
     )
 

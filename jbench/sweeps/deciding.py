@@ -93,7 +93,7 @@ def outcomes(
 
     Raises a WorkError if an evaluation can't be read, since it might join a run.
     """
-    by_arm = {cell.arm.training_key: cell for cell in cells if cell.arm is not None}
+    by_arm = {arm.training_key: cell for cell in cells for arm in cell.arms}
     pairs = [
         (by_arm[comparison.first.training_key], by_arm[comparison.second.training_key])
         for comparison in comparisons

@@ -235,6 +235,20 @@ def test_only_undecided_comparisons_get_more_seeds(results, matrix):
     assert (random_outcome.decision.verdict, random_outcome.needed) == ("equal", ())
 
 
+def test_part_that_writes_a_default_repeats_the_runs_of_another_and_is_decided(read, results):
+    repeated = """
+[[part]]
+algos = ["td3"]
+representations = ["pca3"]
+encoder.options.pca.scale = "dataset"
+"""
+    matrix = read(MATRIX + repeated)
+    for cell in matrix.cells[:2]:
+        fill(results, cell, [100, 900, 200, 800, 500])
+    decisions = [outcome.decision.seeds for outcome in matrix.outcomes(["pca3/full"])]
+    assert decisions == [5, 5]
+
+
 def test_each_seed_has_its_own_encoder_if_the_matrix_says_so(read, results):
     matrix = read(MATRIX.replace("[dataset]", '[encoder]\nseed = "each"\n\n[dataset]'))
     cells = matrix.cells

@@ -173,3 +173,23 @@ def test_without_a_list_representations_are_compared_with_baselines_of_their_fea
         ("pca3-without-velocity", "scaled-without-velocity"),
         ("raw", "full"),
     }
+
+
+def test_parts_that_repeat_an_arm_plan_its_comparison_once(tmp_path):
+    """Options of other kinds, and encoders beside learned features, are of no arm's runs."""
+    file = tmp_path / "study.toml"
+    file.write_text("""
+        tasks = ["face_direction"]
+        algos = ["td3"]
+        representations = ["full", "pca3", "ofe12"]
+        steps = 2000
+        [[part]]
+        encoder.options.dae.noise = 0.2
+        [[part]]
+        dataset.steps = 10_000
+        encoder.options.random.scale = "sd"
+        representations = ["full", "ofe12"]
+        [[part]]
+    """)
+    planned_once = [one.first.representation for one in with_baselines(read_matrix(str(file)))]
+    assert planned_once == ["pca3", "ofe12"]

@@ -16,7 +16,7 @@ from jbench.training import evaluation
 from jbench.training.checkpoints import compact_files, newest, save
 from jbench.training.compact import reason_for_whole_state
 from jbench.training.engines import make_trainer
-from jbench.training.events import EpisodeEnded, Note, Report, Resumed
+from jbench.training.events import EpisodeEnded, Note, Report
 from jbench.training.log import Clock
 from jbench.training.member import Member
 from jbench.training.replay_pieces import stored_rows
@@ -116,10 +116,11 @@ class TrainingGroup:
                 where = {"control_steps": control_steps, "episodes": count}
                 member.record.note({"truncated": where})
                 sentence = (
-                    f"{counted(count, 'episode')} did not repeat from the seed and the actions so "
-                    f"far: truncated at control step {control_steps:,}, where it was saved."
+                    f"The run {member.settings.id}: {counted(count, 'episode')} did not repeat "
+                    "from the seed and the actions so far, and ended by truncation at control "
+                    f"step {control_steps:,}, where the run was saved."
                 )
-                self._report(Resumed(member.settings.id, control_steps, text=sentence))
+                self._report(Note(sentence))
 
     def _note_episodes(self, ends: Ends) -> None:
         """Records the episodes that have just ended."""

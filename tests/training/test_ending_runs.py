@@ -8,6 +8,7 @@ import pytest
 from jbench.store import Results
 from jbench.tasks.find import find_task
 from jbench.training.batched_run import run_batch
+from jbench.training.events import Note
 from jbench.training.repeat import reevaluate, retrain
 from tests.gym_tasks import EPISODE
 from tests.training.small_runs import resumed, rows
@@ -116,8 +117,10 @@ def test_episode_that_does_not_repeat_is_truncated_and_the_record_says_so(algo, 
     assert note["truncated"]["control_steps"] == 15 * environments
     count = note["truncated"]["episodes"]
     assert 1 <= count <= environments
-    sentences = [text for _, _, text in resumed(events, [run]) if text]
-    assert any("truncated at control step" in sentence for sentence in sentences)
+    assert len(resumed(events, [run])) == 1
+    (sentence,) = (event.text for event in events if isinstance(event, Note))
+    assert sentence.startswith(f"The run {run.id}: {count} episode")
+    assert f"truncation at control step {15 * environments:,}" in sentence
     found = record.read("episodes").to_pylist()[before : before + count]
     assert [row["control_steps"] for row in found] == [15 * environments] * count
     assert sum(row["length"] for row in record.read("episodes").to_pylist()) <= run.steps

@@ -245,8 +245,8 @@ class TrainedSettings(LabeledSettings):
     evaluate_every: Count = typed(
         None,
         unit="control steps",
-        description="control steps between evaluations (default: a tenth of --steps, in whole "
-        "thousands, at most 50,000)",
+        description="control steps between evaluations (default: about a tenth of --steps, in "
+        "whole episodes, at most 50,000)",
     )
     evaluate_episodes: int = typed(
         None,

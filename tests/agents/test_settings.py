@@ -185,6 +185,12 @@ def test_sb3_settings_are_library_defaults_except_table_1(algo):
             assert value == default, name
 
 
+def test_speed_of_ppo_is_measured_over_one_rollout_of_the_environments():
+    ppo = algorithm_settings("ppo")  # 8 environments of 256 control steps each
+    assert ppo.measurement(8, "cpu", 40).rollout == 2048
+    assert ppo.measurement(3, "cpu", 40).rollout == 3 * (2048 // 3)
+
+
 @pytest.mark.parametrize("layers", ["[64,32]", "64,32"])
 def test_overrides_replace_single_settings(layers):
     overrides = parse_overrides(["tau=0.01", f"hidden_layers={layers}", "action_noise=none"])

@@ -106,7 +106,7 @@ class PPOSettings(AlgorithmSettings):
 
     def measurement(self, environments: int, device: str, updates: int) -> Measurement:
         """See `AlgorithmSettings.measurement`: a whole rollout, on a GPU the second one."""
-        rollout = self.n_steps * self.n_envs
+        rollout = self.rollout(environments)
         return Measurement({}, 0 if device == "cpu" else rollout, rollout)
 
     def rollout_steps(self, environments: int) -> int:

@@ -253,7 +253,9 @@ class _Scheduler:
             # At last each is alone, so that a run that kills its process fails no other run.
             alone = len(runs) > 1 and deaths == _MAX_DEATHS - 1
             self._submit([[run] for run in runs] if alone else [runs])
-            how = "each is tried again in a process of its own" if alone else "they are tried again"
+            how = f"{_it_is(runs)} tried again"
+            if alone:
+                how = "each is tried again in a process of its own"
             self._report(Note(f"The process of {_named(runs)} died; {how}."))
             return
 
@@ -267,8 +269,7 @@ class _Scheduler:
         new = [run for run in runs if run.id not in self._elsewhere]
         if new:
             then = "waited for at the end" if self._wait else "left out here"
-            verb = "it is" if len(new) == 1 else "they are"
-            self._report(Note(f"Another process is training {_named(new)}; {verb} {then}."))
+            self._report(Note(f"Another process is training {_named(new)}; {_it_is(new)} {then}."))
             self._elsewhere.update(run.id for run in new)
 
         if self._wait:
@@ -280,3 +281,8 @@ def _named(runs: Sequence[RunSettings]) -> str:
     seeds = ", ".join(str(run.seed) for run in runs)
     cell = f"{runs[0].algo} {runs[0].task} {runs[0].representation}"
     return f"{'seed' if len(runs) == 1 else 'seeds'} {seeds} of {cell}"
+
+
+def _it_is(runs: Sequence[RunSettings]) -> str:
+    """Returns the pronoun for runs, with its verb."""
+    return "it is" if len(runs) == 1 else "they are"

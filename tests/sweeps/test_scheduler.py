@@ -127,6 +127,15 @@ class Crashing(Gpu):
         yield from [] if dies else [Finished(r.id) for r in runs]
 
 
+def test_run_whose_process_dies_is_one_in_the_message(tmp_path):
+    matrix, events, executor = write_matrix(tmp_path, seeds="1"), [], Gpu()
+    cells = matrix_cells(read_matrix(matrix), Results(tmp_path))
+    assert sweep(cells, Results(tmp_path), lambda: executor, events.append) == {}
+    assert texts(events, Note) == [
+        "The process of seed 1 of td3 face_direction full died; it is tried again."
+    ]
+
+
 def test_run_that_kills_its_process_fails_no_other_run(tmp_path):
     matrix, events, executor = write_matrix(tmp_path, seeds="0-2"), [], Crashing()
     cells = matrix_cells(read_matrix(matrix), Results(tmp_path))

@@ -79,8 +79,8 @@ class RobotVectorEnv(
         whole = all(isinstance(number, int | np.integer) for number in numbers)
         if not whole or min(num_envs, threads) < 1 or limit < -1 or limit == 0:
             raise RequestError(
-                "num_envs, max_episode_steps and threads must be whole numbers of at least 1, not "
-                f"{in_prose(map(str, numbers), 'and')}."
+                "num_envs, max_episode_steps (-1 for no limit) and threads must be whole numbers "
+                f"of at least 1, not {in_prose(map(str, numbers), 'and')}."
             )
 
         self.num_envs = num_envs

@@ -155,7 +155,8 @@ def training_device(
     if engine is not None and not ENGINES[engine].is_for_gpu:
         if wanted.startswith("cuda"):
             raise RequestError(
-                f"--device {wanted} is for --engine batched; {engine} trains on cpu."
+                f"The engine {engine} trains on the CPU: leave --device {wanted} out, or choose "
+                "the engine batched."
             )
         find_device(wanted)
         return "cpu"

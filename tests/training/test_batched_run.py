@@ -188,7 +188,7 @@ def test_incompatible_settings_and_devices_are_refused():
         settings(engine="sb3", precision="bfloat16")
     with pytest.raises(ValueError, match="ppo does not learn in bfloat16: precision must be float"):
         settings("ppo", precision="bfloat16")
-    with pytest.raises(RequestError, match="--device cuda is for --engine batched"):
+    with pytest.raises(RequestError, match="the CPU: leave --device cuda out, or choose"):
         training_device("sb3", "cuda")
     assert training_device("sb3", "auto") == "cpu"
     if not torch.cuda.is_available():

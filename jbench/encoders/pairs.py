@@ -6,7 +6,8 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-_MAX_PAIRS = 65536  # in a block
+MAX_PAIRS = 65536
+"""Most rows that are in memory at a time where states are read in blocks."""
 
 
 class StatePairs(NamedTuple):
@@ -113,5 +114,5 @@ def state_pairs(
     """Yields all pairs of states `ahead` steps apart, up to 65,536 at a time."""
     for shard in shards:
         indices = torch.arange(shard.pairs(ahead), device=shard.states.device)
-        for some in indices.split(_MAX_PAIRS):
+        for some in indices.split(MAX_PAIRS):
             yield shard.take(some, ahead, with_actions)

@@ -10,6 +10,7 @@ import torch
 from jbench.commands.encoder_tables import show_explained
 from jbench.datasets import collect, find_dataset
 from jbench.encoders import load_encoder
+from jbench.encoders.kinds import linear
 from jbench.encoders.kinds.linear import DynamicModes, RandomFeatures, Scaled
 from jbench.encoders.kinds.predictive import Contrastive, ForwardModel, angle_periods, state_changes
 from jbench.encoders.loop import EncoderLearner
@@ -235,6 +236,26 @@ def test_encoder_with_more_latents_than_features_is_evaluated(trained, results):
     (errors,) = record.read("encoder_errors").to_pylist()
     assert errors["pca_explained"] == pytest.approx(1, abs=1e-5)
     assert len(rows(record, "encoder_predictions")) == len(TARGETS)
+
+
+def test_random_features_of_a_long_row_of_episodes_are_made_in_blocks(monkeypatch, trained):
+    """Episodes that end early are one row: its latents, all at once, may not fit in memory."""
+    made = []
+
+    class Counted(RandomFeatures):
+        def encode(self, weights, scaled):
+            made.append(len(scaled))
+            return super().encode(weights, scaled)
+
+    shard = next(trained.states.learn())
+    row = shard._replace(states=shard.states.flatten(0, 1)[None])
+    states = states_of(row)
+    states.learned = trained.states.learned
+    whole = Counted().fit(states, 8)
+    monkeypatch.setattr(linear, "MAX_PAIRS", 1000)
+    in_blocks = Counted().fit(states, 8)
+    assert made == [4004, *[1000] * 4, 4]
+    np.testing.assert_allclose(in_blocks["back"], whole["back"], rtol=1e-6)
 
 
 def test_many_random_features_reconstruct_almost_all(trained):

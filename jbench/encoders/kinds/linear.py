@@ -1,17 +1,20 @@
 """Linear kinds without a training loop: the controls that any learned encoder must beat."""
 
+from collections.abc import Iterator
 from functools import reduce
 from typing import Any, ClassVar
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from pydantic import Field
+from torch import Tensor
 
 from jbench.arrays import Array
 from jbench.encoders import scaling
 from jbench.encoders.kind import Fitted, Kind
 from jbench.encoders.networks import Weights, tanh
-from jbench.encoders.pairs import state_pairs
+from jbench.encoders.pairs import MAX_PAIRS, state_pairs
 from jbench.encoders.scaling import FloatArray, Moments, inverse
 from jbench.encoders.states import MAX_HORIZON, States
 from jbench.tasks.find import find_task
@@ -94,8 +97,8 @@ class RandomFeatures(Projection, Fitted):
         directions = random.normal(size=(latents, states.size)) / sd
         offsets = random.uniform(-1, 1, latents) - directions @ states.learned.mean
         weights = {"directions": directions, "offsets": offsets}
-        episodes = next(states.learn()).states.cpu().numpy()
-        pairs = (np.hstack([self.encode(weights, rows), rows]) for rows in episodes)
+        blocks = _blocks(next(states.learn()).states)
+        pairs = (np.hstack([self.encode(weights, rows), rows]) for rows in blocks)
         decoder, mean = reduce(Moments.merged, map(Moments.of, pairs)).regression(latents)
         return weights | {"back": decoder, "mean": mean}
 
@@ -202,6 +205,17 @@ class DynamicModes(Projection, Fitted):
     def summary(self, weights: Weights) -> dict[str, Any]:
         """Returns the singular values of the dynamics in descending order."""
         return {"singular_values": [round(float(s), 4) for s in weights["singular_values"]]}
+
+
+def _blocks(episodes: Tensor) -> Iterator[NDArray[np.float32]]:
+    """Yields the states of episodes (episodes, states, size), a few of a long one at a time.
+
+    Episodes that end early are one after another in a row, as long as the dataset: all of its
+    latents at once may not fit in memory.
+    """
+    for episode in episodes.cpu():
+        for block in episode.split(MAX_PAIRS):
+            yield block.numpy()
 
 
 def linear_decoder(

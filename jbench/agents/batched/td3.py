@@ -30,7 +30,9 @@ class TD3Learner(OffPolicyLearner[TD3Settings]):
 
     def reset_losses(self, delayed: Sequence[bool]) -> None:
         """See `Learner.reset_losses`; the actor's loss is kept until its next update."""
-        self._loss_sums[..., 0 if any(delayed) else 1 :, :].zero_()
+        self._sums_by_name["critic_loss"].zero_()
+        if any(delayed):
+            self._sums_by_name["actor_loss"].zero_()
 
     def update(self, batch: Batch, delayed: bool = True) -> None:
         """Makes one update from a minibatch of N transitions (s, a, r, s').

@@ -1,6 +1,7 @@
 """Soft actor-critic with a learned temperature (Haarnoja et al., 2018b, Algorithm 1)."""
 
 import math
+from typing import NamedTuple
 
 import torch
 from torch import Generator, Tensor
@@ -17,6 +18,22 @@ _MAX_LOG_SIGMA = 2
 # Keeps the logarithm of tanh's derivative finite at actions of 1 and -1, as in the authors' code.
 _EPSILON = 1e-6
 _HALF_LOG_2_PI = 0.5 * math.log(2 * math.pi)
+
+
+class _Sampled(NamedTuple):
+    """Actions a = tanh(u) that a policy has sampled, u = mu + sigma e for noise e.
+
+    Attributes:
+        actions: (..., N, action_size).
+        log_likelihoods: (..., N, 1) log pi(a | s).
+        scaled_noise: (..., N, action_size) sigma(s) e.
+        in_bounds: (..., N, action_size) whether log sigma(s) is within its bounds.
+    """
+
+    actions: Tensor
+    log_likelihoods: Tensor
+    scaled_noise: Tensor
+    in_bounds: Tensor
 
 
 class SACLearner(OffPolicyLearner[SACSettings]):
@@ -55,7 +72,7 @@ class SACLearner(OffPolicyLearner[SACSettings]):
 
     def explore(self, observations: Tensor, noise: Tensor) -> Tensor:
         """Returns actions sampled from pi(. | s)."""
-        return self._sample(observations, noise, exact=True)[0]
+        return self._sample(observations, noise, exact=True).actions
 
     def is_delayed_update(self, update: int, update_of_call: int) -> bool:
         """Returns whether the target networks are updated."""
@@ -78,12 +95,12 @@ class SACLearner(OffPolicyLearner[SACSettings]):
         temperature = self.log_temperature.exp().unsqueeze(-1)
 
         noise, next_noise = batch.noise.split(self.action_size, dim=-1)
-        next_actions, next_likelihoods, *_ = self._sample(batch.next_observations, next_noise)
+        following = self._sample(batch.next_observations, next_noise)
         # The next actions are columns of `next_state_actions`, and the actions of `state_actions`.
-        batch.next_actions.copy_(next_actions)
+        batch.next_actions.copy_(following.actions)
         both = (critic.forward(batch.next_state_actions) for critic in self.critic_targets)
         next_values = torch.minimum(*both)
-        next_values.addcmul_(temperature, next_likelihoods, value=-1)
+        next_values.addcmul_(temperature, following.log_likelihoods, value=-1)
         targets = torch.addcmul(batch.rewards, batch.discounts, next_values)
 
         # Minimize L_Q over the critics.
@@ -91,34 +108,32 @@ class SACLearner(OffPolicyLearner[SACSettings]):
         self._record_loss("critic_loss", squared_errors.mul_(0.5))
 
         # Minimize L_pi over the actor.
-        actions, likelihoods, scaled_noise, in_bounds = self._sample(batch.observations, noise)
+        sampled = self._sample(batch.observations, noise)
+        actions = sampled.actions
         batch.actions.copy_(actions)
         first, second = (critic.forward(batch.state_actions) for critic in self.critics)
-        losses = temperature * likelihoods - torch.minimum(first, second)
+        losses = temperature * sampled.log_likelihoods - torch.minimum(first, second)
         self._record_loss("actor_loss", losses)
         by_action = self._minimum_gradient(first, second, -batch.mean_weight)
         weight = temperature * batch.mean_weight
         by_action = by_action + weight * 2 * actions / (1 + _EPSILON - actions.square())
         by_mu = torch.ops.aten.tanh_backward(by_action, actions)
-        by_log_sigma = (by_mu * scaled_noise - weight) * in_bounds
+        by_log_sigma = (by_mu * sampled.scaled_noise - weight) * sampled.in_bounds
         self.actor.backward(torch.cat([by_mu, by_log_sigma], dim=-1))
         self.actor.step()
 
         # Minimize L_alpha over log alpha.
         self._record_loss("entropy_coefficient", temperature)
         if self.settings.ent_coef == "auto":
-            torch.mean(likelihoods, dim=-2, out=self._temperature_gradient)
+            torch.mean(sampled.log_likelihoods, dim=-2, out=self._temperature_gradient)
             self._temperature_gradient.add_(self._target_entropy).neg_()
             self._temperature_adam.step()
 
         if delayed:
             self._update_targets(self.settings.tau)
 
-    def _sample(self, observations: Tensor, noise: Tensor, exact: bool = False) -> list[Tensor]:
-        """Samples actions a with noise e (..., N, action_size), like a.
-
-        Returns a, log pi(a | s) (..., N, 1), sigma(s) e, and whether log sigma(s) is in its bounds.
-        """
+    def _sample(self, observations: Tensor, noise: Tensor, *, exact: bool = False) -> _Sampled:
+        """Samples actions with standard normal noise (..., N, action_size)."""
         outputs = self.actor.forward(observations, exact=exact)
         mean, raw = outputs.split(self.action_size, dim=-1)
         log_sigma = raw.clamp(_MIN_LOG_SIGMA, _MAX_LOG_SIGMA)
@@ -127,7 +142,7 @@ class SACLearner(OffPolicyLearner[SACSettings]):
         # log pi(a | s) = log N(u; mu, sigma) - log da/du
         log_slope = torch.log(1 + _EPSILON - actions.square())
         log_likelihoods = -0.5 * noise.square() - log_sigma - _HALF_LOG_2_PI - log_slope
-        return [actions, sum_over_actions(log_likelihoods), scaled_noise, raw == log_sigma]
+        return _Sampled(actions, sum_over_actions(log_likelihoods), scaled_noise, raw == log_sigma)
 
     def _minimum_gradient(self, first: Tensor, second: Tensor, by_minimum: Tensor) -> Tensor:
         """Returns the gradient by the actions, given that by the lower value (..., N, 1)."""

@@ -208,10 +208,16 @@ def initialize_uniform(
     """
     for i, (weight, bias) in enumerate(layers):
         inputs, outputs = weight.shape[-2:]
-        bound = 1 / math.sqrt(inputs) if kind == "fan-in" else math.sqrt(6 / (inputs + outputs))
+        drawn = [weight]
+        if kind == "fan-in":
+            bound = 1 / math.sqrt(inputs)
+            drawn.append(bias)
+        else:
+            bound = math.sqrt(6 / (inputs + outputs))
+
         if last_bound is not None and i == len(layers) - 1:
             bound = last_bound
-        for parameters in (weight, bias) if kind == "fan-in" else (weight,):
+        for parameters in drawn:
             values = torch.empty(parameters.shape, dtype=parameters.dtype)
             parameters.copy_(torch.nn.init.uniform_(values, -bound, bound, generator=generator))
 

@@ -57,9 +57,11 @@ def divergent_loss(losses: Mapping[str, float]) -> str | None:
     Features are updated before the critic and the critic before the actor, so a later loss is often
     not finite because of an earlier one.
     """
-    names = [name for name, loss in losses.items() if not math.isfinite(loss)]
-    first = [name for name in ("prediction_loss", "critic_loss") if name in names]
-    return next(iter((*first, *names)), None)
+    divergent = [name for name, loss in losses.items() if not math.isfinite(loss)]
+    for name in ("prediction_loss", "critic_loss", *divergent):
+        if name in divergent:
+            return name
+    return None
 
 
 class Engine(AbstractContextManager["Engine"]):

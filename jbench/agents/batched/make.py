@@ -56,18 +56,23 @@ def make_engine(
     seeds = len(environments.generators)
     learner = _learner(algo, settings, ofe, environments)
     _set_precision(device, precision)
-    tensors = Tensors(seeds, dtype, device, low_precision=precision == "bfloat16")
-    how: dict[str, Any] = {
-        "time_limit": time_limit,
-        "stacked": device.type == "cuda" if stacked is None else stacked,
-    }
     make: Any = partial(learner, settings, environments.size, environments.action_size)
+    kind: type[OffPolicyEngine | OnPolicyEngine] = OffPolicyEngine
     if isinstance(settings, PPOSettings):
-        return OnPolicyEngine(settings, make, tensors, environments, **how)
-    assert isinstance(settings, OffPolicySettings)
+        kind = OnPolicyEngine
+
     try:
-        return OffPolicyEngine(settings, make, tensors, environments, **how)
+        return kind(
+            settings,
+            make,
+            Tensors(seeds, dtype, device, low_precision=precision == "bfloat16"),
+            environments,
+            time_limit=time_limit,
+            stacked=device.type == "cuda" if stacked is None else stacked,
+        )
     except torch.OutOfMemoryError:
+        if not isinstance(settings, OffPolicySettings):
+            raise
         raise WorkError(
             f"The GPU's memory is not enough for the replay buffers of {seeds} seeds: type fewer "
             f"--seeds at a time, or less than --set buffer_size={settings.buffer_size}."

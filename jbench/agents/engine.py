@@ -79,7 +79,7 @@ class Engine(AbstractContextManager["Engine"]):
         self.environments = environments
         self.control_steps = 0
         self.diverged: dict[int, DivergedError] = {}
-        self.cut: Ends | None = None
+        self.truncated_at_restore: Ends | None = None
         self._rollout_steps = rollout_steps
         self._collected = 0
 
@@ -148,7 +148,7 @@ class Engine(AbstractContextManager["Engine"]):
         """Truncates the episodes that could not be repeated, after all seeds are restored."""
         step = self.environments.truncate_unlike()
         if step is not None:
-            self.cut = step.ends
+            self.truncated_at_restore = step.ends
             self._truncate(step)
 
     def _truncate(self, step: StepResult) -> None:

@@ -41,8 +41,8 @@ class Trainer(Protocol):
         """The seeds of which an episode could not go on, if the training of others goes on."""
 
     @property
-    def cut(self) -> Ends | None:
-        """The episodes that `restore` could not repeat, and has truncated where they were."""
+    def truncated_at_restore(self) -> Ends | None:
+        """The episodes that `restore` has truncated, since it could not repeat them."""
 
     @property
     def replay(self) -> ReplayBuffer | None:

@@ -98,8 +98,8 @@ class TrainingGroup:
                 replay.restore(index, stored_rows(member.record, row), row)
 
         self._engine.restore([checkpoint.state for checkpoint in checkpoints])
-        if self._engine.cut is not None:
-            self._note_cut(self._engine.cut)
+        if self._engine.truncated_at_restore is not None:
+            self._note_truncated(self._engine.truncated_at_restore)
         position = checkpoints[0].position
         if position.last_evaluation == position.control_steps:
             self._note_policies()
@@ -107,12 +107,12 @@ class TrainingGroup:
             if not checkpoint.newest:
                 self._save_one(index, only=True)
 
-    def _note_cut(self, cut: Ends) -> None:
-        """Records the episodes that could not be repeated, and that were truncated."""
-        self._note_episodes(cut)
+    def _note_truncated(self, ends: Ends) -> None:
+        """Records the episodes that were truncated, since they could not be repeated."""
+        self._note_episodes(ends)
         control_steps = self._engine.control_steps
         for index, member in self._active():
-            if count := int(cut.ended[index].sum()):
+            if count := int(ends.ended[index].sum()):
                 where = {"control_steps": control_steps, "episodes": count}
                 member.record.note({"truncated": where})
                 sentence = (

@@ -25,7 +25,7 @@ class SB3Engine(AbstractContextManager["SB3Engine"]):
 
     threads = 1
     replay = None
-    cut = None
+    truncated_at_restore = None
 
     def __init__(self, settings: RunSettings, encoder: Encoder | None, seed: int) -> None:
         self._encoder = encoder

@@ -124,7 +124,7 @@ def test_agent_knows_of_episodes_that_were_truncated_as_they_did_not_repeat():
         assert (engine._agent.returns != 0).any()
     with build_engine(AddingUp, "tests.gym_tasks:drifts") as resumed:
         resumed.restore([state])
-        assert resumed.cut.ended.any()
+        assert resumed.truncated_at_restore.ended.any()
         for _ in resumed.learn(30):
             so_far = resumed.environments._returns[0]
             np.testing.assert_allclose(resumed._agent.returns, so_far, rtol=1e-5)

@@ -18,7 +18,7 @@ from jbench.settings.records import ExternalSettings
 from jbench.store import Record
 from jbench.tasks.task import Act
 from jbench.training.evaluation import derive_seeds, evaluate_policies
-from jbench.training.log import Clock, RunLog
+from jbench.training.log import CommitTimer, ProcessorClock, RunLog
 
 _COMMIT_EVERY = 15.0  # s
 _COMPLETE = 0.99
@@ -44,7 +44,8 @@ class RunWriter:
         self._record = record
         self._settings = settings
         self._encoder = encoder
-        self._clock = Clock(_COMMIT_EVERY)
+        self._processor_clock = ProcessorClock()
+        self._commit_timer = CommitTimer(_COMMIT_EVERY)
 
     @contextlib.contextmanager
     def block(self) -> Iterator[None]:
@@ -69,7 +70,7 @@ class RunWriter:
         losses = as_numbers(self.losses)
         if (name := divergent_loss(losses)) is not None:
             raise DivergedError(None, self.control_steps, name)
-        self._clock.share([self.log])
+        self._processor_clock.share([self.log])
         self.log.episode(self.control_steps, episode_return, losses, length)
         self.commit_if_due()
 
@@ -82,15 +83,16 @@ class RunWriter:
         if made.failure is not None:
             raise made.failure
 
-        self._clock.share([self.log])
+        self._processor_clock.share([self.log])
         self.log.evaluation(control_steps, made.returns.tolist(), made.lengths.tolist(), made.path)
         return made.returns
 
     def commit_if_due(self) -> None:
         """Commits the rows so far, at most every 15 s."""
-        if self._clock.is_commit_due():
-            self._clock.share([self.log])
-            self._clock.committed(self.log.commit())
+        if self._commit_timer.is_due():
+            self._processor_clock.share([self.log])
+            with self._commit_timer.committing():
+                self.log.commit()
 
     @property
     def _is_complete(self) -> bool:
@@ -122,14 +124,14 @@ class RunWriter:
             if evaluated:
                 self.evaluate(self.kept.policy.act, self.kept.control_steps)
 
-        self._clock.share([self.log])
+        self._processor_clock.share([self.log])
         self.log.commit()
         self._record.finish(self.log.summary(self.control_steps, evaluated=evaluated), files)
 
     def _stop(self, error: BaseException) -> None:
         """Commits the rows so far; marks the run as failed, unless Ctrl-C or an exit stopped it."""
         with contextlib.suppress(WorkError):
-            self._clock.share([self.log])
+            self._processor_clock.share([self.log])
             self.log.commit()
         if not isinstance(error, Exception):
             return

@@ -1,6 +1,5 @@
 """Trains runs in one engine, and commits their rows and checkpoints."""
 
-import time
 from collections.abc import Sequence
 
 import numpy as np
@@ -17,7 +16,7 @@ from jbench.training.checkpoints import compact_files, newest, save
 from jbench.training.compact import reason_for_whole_state
 from jbench.training.engines import make_trainer
 from jbench.training.events import EpisodeEnded, Note, Report
-from jbench.training.log import Clock
+from jbench.training.log import CommitTimer, ProcessorClock
 from jbench.training.member import Member
 from jbench.training.replay_pieces import stored_rows
 from jbench.wording import counted
@@ -42,7 +41,8 @@ class TrainingGroup:
         self._sharing = sharing
         self._report = report
         self._keep_state = keep_state
-        self._clock = Clock(checkpoint_every)
+        self._processor_clock = ProcessorClock()
+        self._commit_timer = CommitTimer(checkpoint_every)
         self._settings = members[0].settings
         self._final_episodes = evaluation.final_evaluation_episodes(self._settings, final_episodes)
 
@@ -84,7 +84,7 @@ class TrainingGroup:
         if steps == self._until:
             return False
         is_last = self._keep_state != "no" and self._engine.has_made(self._settings.steps)
-        if is_last or (ends is not None and self._clock.is_commit_due()):
+        if is_last or (ends is not None and self._commit_timer.is_due()):
             self._save()
         return True
 
@@ -186,12 +186,10 @@ class TrainingGroup:
     def _save(self) -> None:
         """Commits the rows and a checkpoint of each active member."""
         self._fail_diverged(weights=True)
-        began = time.perf_counter()
-        with part("checkpoints"):
+        with part("checkpoints"), self._commit_timer.committing():
             self._share_processor_time()
             for index, _ in self._active():
                 self._save_one(index)
-        self._clock.committed(time.perf_counter() - began)
 
     def _save_one(self, index: int, *, only: bool = False) -> None:
         """Commits the rows and a checkpoint of one run; see `save`."""
@@ -266,7 +264,7 @@ class TrainingGroup:
 
     def _share_processor_time(self) -> None:
         """Divides the processor time since the last call among the runs that go on."""
-        self._clock.share([member.log for _, member in self._active()])
+        self._processor_clock.share([member.log for _, member in self._active()])
 
     def _active(self) -> list[tuple[int, Member]]:
         """Returns the runs that have not failed, each with its index in the engine."""

@@ -1,7 +1,8 @@
 """Log of a run: its episodes, evaluations and paths, and when they are committed."""
 
+import contextlib
 import time
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
 import pyarrow as pa
@@ -141,13 +142,12 @@ class RunLog:
         for name, value in values.items():
             self._add("metrics", control_steps, {"name": name, "value": value})
 
-    def commit(self, files: Mapping[str, bytes] | None = None, drop: Collection[str] = ()) -> float:
-        """Commits pending rows and a checkpoint atomically; returns the seconds that it took.
+    def commit(self, files: Mapping[str, bytes] | None = None, drop: Collection[str] = ()) -> None:
+        """Commits pending rows and a checkpoint atomically.
 
         When a table has many files, its rows are written again as one, so that a long run does not
         end with thousands. The checkpoint's files are by role; `drop` are roles to remove.
         """
-        began = time.perf_counter()
         record = self._record
         replaced = self._before
         if any(len(record.parts(name)) >= _MAX_PARTS for name in schema.LOG_TABLES):
@@ -164,7 +164,6 @@ class RunLog:
         record.append(tables, files, drop=drop, replace=replaced)
         self._rows = {name: [] for name in self._rows}
         self._before = {}
-        return time.perf_counter() - began
 
     def _wall_time(self) -> float:
         """Returns the seconds since the run began."""
@@ -200,14 +199,12 @@ def rows_before(record: Record, position: Position) -> dict[str, pa.Table]:
     return {name: record.read(name).filter(rows) for name, rows in kept.items()}
 
 
-class Clock:
-    """Divides the processor time (user and system) of this process among runs; times commits."""
+class ProcessorClock:
+    """Divides the processor time (user and system) of this process among runs."""
 
-    def __init__(self, commit_every: float) -> None:
-        """A first commit is due at once, so that a run is soon in the results; 0: always."""
+    def __init__(self) -> None:
+        """Begins to measure."""
         self._last = time.process_time()
-        self._next = time.perf_counter()
-        self._commit_every = commit_every
 
     def share(self, logs: Sequence[RunLog]) -> None:
         """Divides the processor time since the last call, over all threads, equally among runs."""
@@ -216,11 +213,27 @@ class Clock:
             log.add_processor_time((now - self._last) / len(logs))
         self._last = now
 
-    def is_commit_due(self) -> bool:
+
+class CommitTimer:
+    """Says when a commit is due; commits take at most `_MAX_COMMIT_SHARE` of the time."""
+
+    def __init__(self, every: float) -> None:
+        """Has a first commit due at once, so that a run is soon in the results.
+
+        `every` are the least seconds between two commits; with 0, one is always due.
+        """
+        self._every = every
+        self._next = time.perf_counter()
+
+    def is_due(self) -> bool:
         """Returns whether it is time to commit."""
         return time.perf_counter() >= self._next
 
-    def committed(self, seconds: float) -> None:
-        """Restarts after a commit; they take at most `_MAX_COMMIT_SHARE` of the time."""
-        wait = max(self._commit_every, seconds / _MAX_COMMIT_SHARE) if self._commit_every else 0.0
-        self._next = time.perf_counter() + wait
+    @contextlib.contextmanager
+    def committing(self) -> Iterator[None]:
+        """Measures the commits of a block, and decides when the next one is due."""
+        began = time.perf_counter()
+        yield
+        now = time.perf_counter()
+        wait = max(self._every, (now - began) / _MAX_COMMIT_SHARE) if self._every else 0.0
+        self._next = now + wait

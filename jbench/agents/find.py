@@ -62,26 +62,30 @@ def find_class(name: str) -> Any:
         WorkError: if its package can't be imported, its class is no agent or rule, or an agent and
             an update rule have this name.
     """
-    if plugins.is_imported(name):
-        kind = plugins.imported("algorithm", name)
-        bases = inspect.getmro(kind) if isinstance(kind, type) else ()
-        group = next((group for group in _GROUPS.values() if group.base in bases), None)
-    else:
+    if not plugins.is_imported(name):
         point = _entry_point(name)
         group = _GROUPS[point.group]
-        kind = plugins.load(group.what, point)
+        return _checked(name, plugins.load(group.what, point), group)
 
-    if group is None:
-        from stable_baselines3.common.base_class import BaseAlgorithm  # takes a second to import
+    kind = plugins.imported("algorithm", name)
+    bases = inspect.getmro(kind) if isinstance(kind, type) else ()
+    for group in _GROUPS.values():
+        if group.base in bases:
+            return _checked(name, kind, group)
 
-        if not (isinstance(kind, type) and issubclass(kind, BaseAlgorithm)):
-            raise RequestError(
-                f"{name} is no subclass of jbench.Agent, jbench.Rule or stable-baselines3's "
-                "BaseAlgorithm; record its training loop with jbench.record (docs/recording.md)."
-            )
+    from stable_baselines3.common.base_class import BaseAlgorithm  # takes a second to import
 
-        return kind
+    if BaseAlgorithm not in bases:
+        raise RequestError(
+            f"{name} is no subclass of jbench.Agent, jbench.Rule or stable-baselines3's "
+            "BaseAlgorithm; record its training loop with jbench.record (docs/recording.md)."
+        )
 
+    return kind
+
+
+def _checked(name: str, kind: Any, group: _Group) -> Any:
+    """Returns the class of an agent or an update rule; a WorkError if it is none."""
     is_subclass = isinstance(kind, type) and issubclass(kind, group.base) and kind is not group.base
     if not is_subclass or inspect.isabstract(kind):
         advice = "fix it"

@@ -38,11 +38,7 @@ _NOT_RECORDED = object()
 
 
 def settings_class(algo: str) -> type[Settings]:
-    """Returns the class of the settings of an algorithm; errors are those of `find_class`.
-
-    Those of a class of stable-baselines3's interface are its arguments; its defaults are recorded
-    if they are JSON values.
-    """
+    """Returns the class of the settings of an algorithm; errors are those of `find_class`."""
     if algo in SETTINGS:
         return SETTINGS[algo]
 
@@ -51,15 +47,24 @@ def settings_class(algo: str) -> type[Settings]:
         settings: type[Settings] = kind.Settings
         return settings
 
+    return _settings_from_arguments(kind)
+
+
+def _settings_from_arguments(kind: Any) -> type[Settings]:
+    """Returns settings whose fields are the arguments of a class, as of stable-baselines3's.
+
+    An argument whose default is no JSON value is recorded only if another value is chosen.
+    """
     fields: dict[str, Any] = {}
     for name, argument in inspect.signature(kind.__init__).parameters.items():
-        is_setting = name not in _NOT_SETTINGS and not name.startswith("_")
-        if is_setting and not name.endswith("_class") and argument.kind not in _ANY_NUMBER:
-            try:
-                canonical_json({name: argument.default})
-                fields[name] = Any, argument.default
-            except (TypeError, ValueError):
-                fields[name] = Any, omissible(_NOT_RECORDED)
+        is_internal = name.startswith("_") or name.endswith("_class")
+        if name in _NOT_SETTINGS or is_internal or argument.kind in _ANY_NUMBER:
+            continue
+        try:
+            canonical_json({name: argument.default})
+            fields[name] = Any, argument.default
+        except (TypeError, ValueError):
+            fields[name] = Any, omissible(_NOT_RECORDED)
 
     return create_model(kind.__name__, __base__=Settings, **fields)
 
@@ -153,7 +158,8 @@ def algorithm_fields(
 def _changes_of_source(algo: str, base: Base | None, task: str) -> Changes:
     """Returns what a source of hyperparameters changes in those of an algorithm of others.
 
-    Those of `jbench.rules` have the sources of their algorithm, and the default of the task.
+    Only update rules may have sources, as those of `jbench.rules` have; `base` None is then the
+    source of the task.
     """
     kind = find_class(algo)
     sources = kind.bases if issubclass(kind, Rule) else {}

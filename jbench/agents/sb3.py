@@ -99,6 +99,15 @@ def build(algo: str, settings: Algorithm, env: VecEnv, seed: int) -> BaseAlgorit
         kind = find_class(algo)
         chosen = settings.hyperparameters
 
+    arguments = _arguments(chosen, shape)
+    agent: BaseAlgorithm = kind("MlpPolicy", env, seed=seed, device="cpu", **arguments)
+    # No output to the terminal; the losses are read from the logger.
+    agent.set_logger(Logger(folder=None, output_formats=[]))
+    return agent
+
+
+def _arguments(chosen: Mapping[str, Any], shape: Any) -> dict[str, Any]:
+    """Returns the arguments of a class for values that may be JSON, as `build` describes."""
     arguments: dict[str, Any] = {
         name: tuple(value) if isinstance(value, list) else value for name, value in chosen.items()
     }
@@ -111,10 +120,7 @@ def build(algo: str, settings: Algorithm, env: VecEnv, seed: int) -> BaseAlgorit
             for name, value in arguments["policy_kwargs"].items()
         }
 
-    agent: BaseAlgorithm = kind("MlpPolicy", env, seed=seed, device="cpu", **arguments)
-    # No output to the terminal; the losses are read from the logger.
-    agent.set_logger(Logger(folder=None, output_formats=[]))
-    return agent
+    return arguments
 
 
 def _ours(algo: str, settings: AlgorithmSettings, shape: Any) -> tuple[Any, dict[str, Any]]:

@@ -14,6 +14,7 @@ import torch
 from jbench.agents.batched.pair_buffer import buffer_class
 from jbench.cores import cores, one_thread
 from jbench.errors import RequestError, WorkError
+from jbench.settings.engines import ENGINES
 from jbench.settings.recorded import COST, SEED, alike, read_run
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
@@ -245,7 +246,8 @@ def _recorded(results: Results, device: str) -> dict[str, _Estimate]:
 def _was_made_here(record: Record, device: str) -> bool:
     """Returns whether a run was trained on this processor, and the device that runs would have."""
     made_on = record.manifest.provenance
-    now = "cpu" if record.settings.get("engine") == "sb3" else device.partition(":")[0]
+    engine = ENGINES.get(str(record.settings.get("engine")))
+    now = device.partition(":")[0] if engine is not None and engine.is_for_gpu else "cpu"
     return (
         made_on.get("processor") == processor()
         and made_on.get("cores") == cores()

@@ -20,7 +20,13 @@ if TYPE_CHECKING:
 
 _PACKAGES = ("dm-control", "gymnasium", "mujoco", "numpy", "pyarrow", "stable-baselines3", "torch")
 
-_DECISIVE = {"jbench", "python", "processor", "threads", "git_revision", *_PACKAGES} | {
+_DECISIVE = {
+    *_PACKAGES,
+    "jbench",
+    "python",
+    "processor",
+    "threads",
+    "git_revision",
     "device",
     "gpu",
     "cuda",
@@ -30,6 +36,7 @@ _DECISIVE = {"jbench", "python", "processor", "threads", "git_revision", *_PACKA
     "task_package",
     "task_source_sha256",
 }
+"""Entries of provenance, and packages, that may round numbers differently if they change."""
 
 
 def provenance() -> dict[str, Any]:

@@ -142,12 +142,12 @@ def settings_with(
     unknown or a value is invalid.
     """
     fields = kind.model_fields
-    typed = {
+    given = {
         setting: whole(value) if setting in fields and fields[setting].annotation is int else value
         for setting, value in values.items()
     }
     try:
-        return kind.model_validate_json(json.dumps(typed, default=repr))
+        return kind.model_validate_json(json.dumps(given, default=repr))
     except ValidationError as error:
         raise _refusal(error, kind, name, what) from None
 

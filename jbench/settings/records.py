@@ -269,8 +269,8 @@ class TrainedSettings(LabeledSettings):
     def _has_the_robot(self) -> Self:
         """Raises a ValueError if augmented robots are asked for of a robot that has none."""
         if self.specs is not None and self.augment is not None:
-            typed = " and ".join(sorted({"augment", "robots"} & self.model_fields_set))
-            raise ValueError(f"{self.task} has no augmented robots: leave {typed} out")
+            given = " and ".join(sorted({"augment", "robots"} & self.model_fields_set))
+            raise ValueError(f"{self.task} has no augmented robots: leave {given} out")
         return self
 
 

@@ -191,7 +191,7 @@ def make_dataset(path: Path, episodes: int) -> None:
                 ),
             }
         )
-    record.finish({}, compact=False)
+    record.finish({}, join=False)
 
 
 def main() -> None:

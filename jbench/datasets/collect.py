@@ -41,6 +41,6 @@ def collect(
             record = results.create("dataset", settings.id, settings.model_dump(), provenance)
 
         layout.collect(settings, record, threads, progress)
-        record.finish({}, compact=False)
+        record.finish({}, join=False)
 
     return record

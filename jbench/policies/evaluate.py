@@ -91,7 +91,7 @@ def evaluate(
 
         returns = record.read("policy_episodes")["episode_return"]
         q10, median, q90 = np.percentile(returns.to_numpy(), (10, 50, 90))
-        record.finish({"median": median, "q10": q10, "q90": q90}, compact=False)
+        record.finish({"median": median, "q10": q10, "q90": q90}, join=False)
 
     return record
 

@@ -243,19 +243,19 @@ class Record:
         self,
         summary: Json,
         new_files: Mapping[str, bytes] | None = None,
-        compact: bool = True,
+        join: bool = True,
         keep: Collection[str] = (),
         checkpoints: Mapping[str, bytes] | None = None,
     ) -> None:
         """Marks the record as finished, adds files by name, and removes checkpoints not to keep.
 
-        If `compact`, each table is joined into one file, which must fit in memory. `keep` are roles
+        If `join`, each table becomes one file, which must fit in memory. `keep` are roles
         of checkpoints, and `checkpoints` are new ones by role.
         """
         before = self.manifest.files
         kept = [e for e in before if e.table is None and (e.role is None or e.role in keep)]
         parts = [entry for entry in before if entry.table is not None]
-        if compact:
+        if join:
             parts = [self._join(table) for table in dict.fromkeys(e.table or "" for e in parts)]
 
         added = [record_files.write(self.path, *item) for item in (new_files or {}).items()]

@@ -13,7 +13,7 @@ def add(results, id, updated="2020", finished=True, **settings):
     """Adds an empty dataset with the time of its last update."""
     record = results.create("dataset", id, settings)
     if finished:
-        record.finish({}, compact=False)
+        record.finish({}, join=False)
     path = record.path / "manifest.json"
     path.write_text(json.dumps({**json.loads(path.read_text()), "updated": updated}))
 

@@ -33,7 +33,7 @@ def altered(tmp_path, tables):
     def make(**changed):
         record = Results(tmp_path).create("dataset", "random/a", {})
         record.append({**tables, **changed})
-        record.finish({}, compact=False)
+        record.finish({}, join=False)
         return Dataset(record)
 
     return make

@@ -52,7 +52,7 @@ def make_dataset(results, id="random/a", state=None, episodes=5, each=25):
                 ),
             }
         )
-    record.finish({}, compact=False)
+    record.finish({}, join=False)
     return Dataset(record)
 
 

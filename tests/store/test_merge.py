@@ -77,7 +77,7 @@ def test_runs_that_differ_only_in_file_layout_and_paths_are_same(results, other)
         theirs.append({"episodes": rows.slice(first, count)})
     path = {"run": mine.id, "evaluation": 0, "control_steps": 1000, "x": 0.5}
     theirs.append({"paths": pa.Table.from_pylist([path], schema.PATHS)})
-    theirs.finish({}, {"policy.json": b"{}"}, compact=False)
+    theirs.finish({}, {"policy.json": b"{}"}, join=False)
     assert len(theirs.parts("episodes")) == 2
     assert outcomes(results, other) == {mine.id: "same"}
 

@@ -163,7 +163,7 @@ class Results:
         """Returns the ids of the readable records of a kind."""
         return {record.id for record in self.scan(kind)[0]}
 
-    def walk(self, kind: RecordKind, id: str = "") -> Iterator[Folder]:
+    def walk(self, kind: RecordKind, below: str = "") -> Iterator[Folder]:
         """Yields a folder of a kind and all folders below it, sorted; nothing if it does not exist.
 
         Each may have a record, which is not read yet. Symlinks are not followed. Iterative, since
@@ -172,9 +172,9 @@ class Results:
         top = self.path / f"{kind}s"
         stack = list[Path]()
         try:
-            stack.append(self.inside(f"{kind}s/{id}"))
+            stack.append(self.inside(f"{kind}s/{below}"))
         except files.UnreadableError as error:
-            yield Folder(error.path, kind, id, problem=error.problem)
+            yield Folder(error.path, kind, below, problem=error.problem)
 
         while stack:
             path = stack.pop()
@@ -187,9 +187,9 @@ class Results:
                 yield Folder(path, kind, id, problem=f"can't be read ({error.strerror})")
                 continue
 
-            below = {e.name for e in entries if e.is_dir(follow_symlinks=False)} - {MANIFEST}
-            stack.extend(path / name for name in sorted(below, reverse=True))
-            names = [entry.name for entry in entries if entry.name not in below]
+            folders = {e.name for e in entries if e.is_dir(follow_symlinks=False)} - {MANIFEST}
+            stack.extend(path / name for name in sorted(folders, reverse=True))
+            names = [entry.name for entry in entries if entry.name not in folders]
             yield Folder(path, kind, id, names, may_lack=self.may_lack(id))
 
     def found(self, kind: RecordKind, id: str) -> Folder:

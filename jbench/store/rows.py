@@ -36,7 +36,7 @@ def make_row(record: Record) -> Row:
         values = {
             **manifest.summary,
             **manifest.settings,
-            **_counted(record),
+            **_of_its_kind(record),
             record.kind: record.id,
             **{name: getattr(manifest, name) for name in ("status", "created", "updated")},
             "settings": json.dumps(manifest.settings, sort_keys=True),
@@ -63,15 +63,19 @@ def has_diverged(manifest: Manifest) -> bool:
     return isinstance(manifest.summary.get("diverged"), dict)
 
 
-def _counted(record: Record) -> Row:
-    """Returns the columns of a record's row that are specific to its kind."""
+def _of_its_kind(record: Record) -> Row:
+    """Returns the columns that the rows of a record's kind have beside those of all records."""
     manifest = record.manifest
     if record.kind == "run":
-        text = None
+        diverged = None
         if has_diverged(manifest):
-            text = json.dumps(manifest.summary["diverged"], sort_keys=True)
-        counts = {"variant": variant(record.settings), "episodes": record.rows("episodes")}
-        return {**counts, "diverged": text, "error": record.error}
+            diverged = json.dumps(manifest.summary["diverged"], sort_keys=True)
+        return {
+            "variant": variant(record.settings),
+            "episodes": record.rows("episodes"),
+            "diverged": diverged,
+            "error": record.error,
+        }
 
     if record.kind == "encoder":
         return {"representation": record.path.parent.name}

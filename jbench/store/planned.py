@@ -1,8 +1,8 @@
 """Settings of new records whose code a user writes: as those of the records with the same code.
 
 The checksum of users' code is part of an id, so that another code makes another record. Records of
-older versions lack it. New ones take its place beside them, without it, as long as no file is known
-to have changed; so old runs are not trained again, and more seeds join them.
+older versions have no such checksum. As long as no file is known to have changed since such a
+record, new ones have none either: so old runs are not trained again, and more seeds join them.
 """
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence

@@ -77,10 +77,10 @@ def plan_runs(
             origin = _origin(run, plan.changed)
             if origin is not None:
                 others.pop(origin.record.id)
-            if origin is not None and accept_changed:
-                settings = _with_accepted_code(run, origin.record, code_hash(now))
-            elif origin is not None:
-                left_alone.append(origin)
+                if accept_changed:
+                    settings = _with_accepted_code(run, origin.record, code_hash(now))
+                else:
+                    left_alone.append(origin)
         chosen.append(settings)
 
     notes = [

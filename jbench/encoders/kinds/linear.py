@@ -23,18 +23,23 @@ _MIN_DYNAMIC_VARIANCE = 1e-9  # relative to the largest variance; smaller ones c
 
 
 class Projection(Kind):
-    """Projects the centered state on the weights named `forth`; those named `back` decode."""
+    """Projects the centered state on some of its weights, and decodes by others.
 
-    forth: ClassVar[str] = "directions"
-    back: ClassVar[str] = "back"
+    Attributes:
+        encoding: name of the weights (latents, size) that encode.
+        decoding: name of the weights (latents, size) that decode.
+    """
+
+    encoding: ClassVar[str] = "directions"
+    decoding: ClassVar[str] = "back"
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
         """Projects the deviation from the mean."""
-        return (scaled - weights["mean"]) @ weights[self.forth].T
+        return (scaled - weights["mean"]) @ weights[self.encoding].T
 
     def decode(self, weights: Weights, latents: Array) -> Array:
         """Adds the mean again."""
-        return latents @ weights[self.back] + weights["mean"]
+        return latents @ weights[self.decoding] + weights["mean"]
 
 
 class PrincipalComponents(Projection, Fitted):
@@ -43,7 +48,8 @@ class PrincipalComponents(Projection, Fitted):
     It is the best linear encoder and decoder.
     """
 
-    forth = back = "components"
+    encoding = "components"
+    decoding = "components"
 
     def fit(self, states: States, latents: int) -> dict[str, FloatArray]:
         """The eigenvectors of the largest variances, with positive largest entries."""

@@ -61,9 +61,7 @@ def find_kind(name: str) -> type[Kind]:
     if isinstance(kind, type) and issubclass(kind, (Fitted, Learned)):
         return kind
 
-    if isinstance(kind, torch.nn.Module) or (
-        isinstance(kind, type) and issubclass(kind, torch.nn.Module)
-    ):
+    if issubclass(kind if isinstance(kind, type) else type(kind), torch.nn.Module):
         raise RequestError(
             f"{name} is a torch module. Beside it, write a subclass of TorchEncoder of "
             "jbench.encoders.pretrained, whose methods return the module and its trained "

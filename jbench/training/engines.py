@@ -21,6 +21,7 @@ from jbench.encoders import Encoder
 from jbench.errors import WorkError
 from jbench.policies.saved import TrainedAgent
 from jbench.settings.algorithms import SETTINGS, AlgorithmSettings
+from jbench.settings.algorithms.base import Measurement
 from jbench.settings.engines import ENGINES
 from jbench.settings.records import ExternalSettings
 from jbench.settings.run import RunSettings
@@ -136,28 +137,34 @@ def seconds_per_step(
     changed = {**settings.hyperparameters, **short.changes}
     measured = [run.model_copy(update={"hyperparameters": changed}) for run in runs]
     with make_trainer(measured, [None] * len(runs), device) as engine:
-        before = 0
-        began = clock()
-
-        def after_step(_: object) -> bool:
-            nonlocal before, began
-            if before < short.first < engine.control_steps:  # the first updates have been made
-                before = engine.control_steps
-                began = clock()
-            # Whole rollouts, with the updates of each. If the first one is measured, its updates
-            # end the training.
-            return before == 0 or engine.control_steps < before + short.rollout
-
-        unmeasured = count if short.first else 0  # the step after the first updates
-        engine.train(short.first + unmeasured + short.rollout, after_step)
-        learning = (clock() - began) / (engine.control_steps - before)
-
+        learning = _learning(engine, short, count, clock)
         alone = ENGINES[settings.engine].has_one_stream
         robots = 1 if alone else len(runs) * max(1, settings.evaluate_episodes)
         evaluated = len(runs) * stepping(settings, robots, engine.act, device=device, clock=clock)
 
     share = learning_share(settings)
     return share * learning + (1 - share) * idle + evaluating * evaluated
+
+
+def _learning(
+    engine: Trainer, short: Measurement, environments: int, clock: Callable[[], float]
+) -> float:
+    """Returns the seconds per control step of each run of a new engine while it learns."""
+    before = 0
+    began = clock()
+
+    def after_step(_: object) -> bool:
+        nonlocal before, began
+        if before < short.first < engine.control_steps:  # the first updates have been made
+            before = engine.control_steps
+            began = clock()
+        # Whole rollouts, with the updates of each. If the first one is measured, its updates end
+        # the training.
+        return before == 0 or engine.control_steps < before + short.rollout
+
+    unmeasured = environments if short.first else 0  # the step after the first updates
+    engine.train(short.first + unmeasured + short.rollout, after_step)
+    return (clock() - began) / (engine.control_steps - before)
 
 
 def learning_share(settings: RunSettings) -> float:

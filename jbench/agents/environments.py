@@ -21,11 +21,15 @@ _WORLD = "environments/"  # prefix of the tensors of the robots in a state
 
 
 class Generators:
-    """The generators of one seed, independent of the other seeds.
+    """The random generators of one seed, independent of the other seeds.
 
     They are on the CPU for every device, so an agent on a GPU sees the same robots, minibatches
-    and noise as on a CPU: `actions` for exploration, `updates` for minibatches and noise in them,
-    and `environments` for the initial states of each.
+    and noise as on a CPU.
+
+    Attributes:
+        actions: draws exploration noise.
+        updates: draws minibatches, and the noise in them.
+        environments: draw the initial states, one for each environment.
     """
 
     def __init__(self, seed: int, environments: int) -> None:
@@ -42,7 +46,7 @@ class Generators:
         return torch.Generator().manual_seed(int(self._weights.generate_state(1, np.uint64)[0]))
 
     def all(self) -> list[Generator]:
-        """Returns those whose states are part of a checkpoint."""
+        """Returns the generators whose states are part of a checkpoint."""
         return [self.actions, self.updates, *self.environments]
 
 
@@ -63,12 +67,19 @@ def under(prefix: str, tensors: dict[str, Tensor]) -> dict[str, Tensor]:
 
 
 class Ends(NamedTuple):
-    """The episodes that ended with a control step; arrays are (seeds, environments)."""
+    """The episodes that ended with a control step; arrays are (seeds, environments).
+
+    Attributes:
+        ended: whether the episode of an environment has ended.
+        terminated: whether it has ended in a terminal state, not by truncation.
+        returns: of the episodes, also of those that go on.
+        lengths: control steps of the episodes, also of those that go on.
+    """
 
     ended: NDArray[np.bool_]
-    terminated: NDArray[np.bool_]  # of those, the ones that no time limit truncated
-    returns: NDArray[np.float64]  # so far, of those that have not ended
-    lengths: NDArray[np.int64]  # control steps so far
+    terminated: NDArray[np.bool_]
+    returns: NDArray[np.float64]
+    lengths: NDArray[np.int64]
 
 
 class StepResult(NamedTuple):
@@ -149,7 +160,7 @@ class Environments:
         """Maps observations (seeds, N, dim(O)) of the task to inputs (seeds, N, size)."""
         if all(encoder is None for encoder in self.encoders):
             return observations
-        if self._shared is not None:  # with the same bits as below
+        if self._shared is not None:  # with the same bits as seed by seed
             inputs: Tensor = self._shared.encode(observations)
             return inputs
 
@@ -192,16 +203,6 @@ class Environments:
         for generator, saved in zip(self.generators[seed].all(), scalars["streams"], strict=True):
             generator.bit_generator.state = saved
 
-    def _end_episodes(self) -> Ends | None:
-        """Returns which episodes have just ended, None if none has, and begins the next ones."""
-        self.steps += 1
-        if self.steps != self.episode_steps:
-            return None
-        ends = Ends(self._all, ~self._all, self._returns, np.full(self._shape, self.steps))
-        self.episodes += 1
-        self._begin_episodes()
-        return ends
-
     def skip(self, episodes: int) -> None:
         """Leaves out this many episodes of each environment, of which no step is made."""
         for _ in range(episodes):
@@ -214,6 +215,16 @@ class Environments:
         do.
         """
         return None
+
+    def _end_episodes(self) -> Ends | None:
+        """Returns which episodes have just ended, None if none has, and begins the next ones."""
+        self.steps += 1
+        if self.steps != self.episode_steps:
+            return None
+        ends = Ends(self._all, ~self._all, self._returns, np.full(self._shape, self.steps))
+        self.episodes += 1
+        self._begin_episodes()
+        return ends
 
     def _begin_episodes(self) -> None:
         """Starts an episode in every world, on the robot of its number."""

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from jbench.agents import sb3
-from jbench.agents.batched.on_policy import estimate
+from jbench.agents.batched.on_policy import write_advantages
 from jbench.agents.batched.ppo import Transitions
 from tests.agents import batched_oracle as oracle
 from tests.agents.test_batched_engine import slow
@@ -91,7 +91,7 @@ def fill_rollout(agent, settings, data):
     rows = torch.from_numpy(joined.swapaxes(0, 1)[None].astype(np.float32))
     rollout = Transitions(rows, actions.shape[-1])
     last = torch.tensor([[0.3, -0.2]])
-    estimate(rollout, ends, last, settings)
+    write_advantages(rollout, ends, last, settings)
     buffer.compute_returns_and_advantage(last, np.full(2, ends[-1]))
     return rollout
 

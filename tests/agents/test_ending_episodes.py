@@ -7,7 +7,7 @@ from stable_baselines3.common.buffers import ReplayBuffer, RolloutBuffer
 from stable_baselines3.common.type_aliases import ReplayBufferSamples
 
 from jbench.agents.batched.make import make_engine
-from jbench.agents.batched.on_policy import estimate
+from jbench.agents.batched.on_policy import write_advantages
 from jbench.agents.batched.pair_buffer import PairBuffer
 from jbench.agents.batched.ppo import Transitions
 from jbench.agents.batched.replay import Batch, Sizes
@@ -157,7 +157,7 @@ def test_advantages_where_environments_end_at_different_steps():
     rollout = Transitions(torch.zeros(1, 2, 3, Transitions.width(1, 1)), action_size=1)
     rollout.values[..., 0] = values
     rollout.rewards[..., 0] = rewards
-    estimate(rollout, ends, torch.tensor([[10.0, 10.0]]), settings)
+    write_advantages(rollout, ends, torch.tensor([[10.0, 10.0]]), settings)
     # Last step: 6 + 0.5 * 10 - 3 = 8. Second: 5 - 2 = 3, or 5 + 0.5 * 3 - 2 + 0.4 * 8 = 7.7.
     # First: 4 + 0.5 * 2 - 1 = 4, and 0.4 times the advantage of the second.
     expected = [[[5.2, 3.0, 8.0], [7.08, 7.7, 8.0]]]

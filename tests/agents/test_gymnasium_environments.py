@@ -7,7 +7,7 @@ import torch
 from stable_baselines3.common.buffers import ReplayBuffer, RolloutBuffer
 
 from jbench.agents.batched.make import make_engine
-from jbench.agents.batched.on_policy import estimate
+from jbench.agents.batched.on_policy import write_advantages
 from jbench.agents.batched.ppo import Transitions
 from jbench.agents.batched.replay import Batch
 from jbench.agents.ending_environments import environments_class
@@ -186,7 +186,7 @@ def test_advantages_of_a_rollout_equal_those_of_stable_baselines3(task, seed, mo
     buffer = rollout_of_stable_baselines3(task, seed, actions, agent)
     with torch.no_grad():
         last_values = agent.policy.predict_values(last)[None, :, 0]
-    estimate(rollout, state["loop/ends"][None].numpy(), last_values, settings)
+    write_advantages(rollout, state["loop/ends"][None].numpy(), last_values, settings)
     for ours, theirs in (
         (rollout.observations[0, 0], buffer.observations[:, 0]),
         (rollout.values[0, 0, :, 0], buffer.values[:, 0]),

@@ -74,7 +74,7 @@ class OnPolicyEngine(BatchedEngine[PPOLearner]):
         """See `BatchedEngine._update`."""
         settings = self._settings
         last_values = self._run(PPOLearner.value, self.environments.observations)[..., 0]
-        estimate(self._rollout, self._ends, last_values, settings)
+        write_advantages(self._rollout, self._ends, last_values, settings)
         for epochs in self.group_updates:
             if self._still_learning(epochs.group):
                 epochs.run()
@@ -93,10 +93,12 @@ class OnPolicyEngine(BatchedEngine[PPOLearner]):
         self._ends[seed, :, : rows.shape[1]] = tensors["ends"].numpy()
 
 
-def estimate(
+def write_advantages(
     rollout: Transitions, ends: NDArray[np.bool_], last_values: Tensor, settings: PPOSettings
 ) -> None:
-    """Writes advantages (Schulman et al., 2016, equation 16) and returns: advantage plus value.
+    """Writes advantages (Schulman et al., 2016, equation 16) and returns into a rollout.
+
+    A return is the sum of advantage and value.
 
     Args:
         rollout: (seeds, environments, steps, any), with rewards and the values of its states.

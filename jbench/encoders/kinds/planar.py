@@ -15,10 +15,10 @@ the vertical by the heading h. `swing_and_twist` splits the orientation into h a
 takes the target's place: only rotations about the origin are symmetries of this task.
 """
 
+import functools
 import itertools
 from collections import defaultdict
 from collections.abc import Iterable
-from functools import reduce
 
 import numpy as np
 
@@ -161,7 +161,7 @@ class PlanarReduction(Fitted):
         shards = itertools.chain(states.learn(), states.test())
         seen = (shard.states.cpu().double().numpy() * gain + offset for shard in shards)
         numbers = (self.reduce(states.task, physical) for physical in seen)
-        extremes = reduce(Scaling.merged, map(Scaling.of, numbers))
+        extremes = functools.reduce(Scaling.merged, map(Scaling.of, numbers))
         robot = load_model(states.dataset.settings.augment)
         return planar_weights(states.task, states.scaling, extremes, model.torso_offset(robot))
 

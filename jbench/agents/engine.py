@@ -67,9 +67,15 @@ def divergent_loss(losses: Mapping[str, float]) -> str | None:
 class Engine(AbstractContextManager["Engine"]):
     """A `Trainer` of several seeds side by side; each learns what it would learn alone.
 
-    Use it as a context manager: it holds threads. `control_steps` and `updates` (None if unknown)
-    are per seed. Robots of the `diverged` seeds, by index, get the action 0; the others are not
-    affected.
+    Use it as a context manager: it holds threads.
+
+    Attributes:
+        environments: the robots of all seeds.
+        control_steps: of each seed so far, over its environments.
+        updates: of each seed so far; None if unknown.
+        diverged: the seeds that have diverged, by index. Their robots get the action 0; the other
+            seeds are not affected.
+        truncated_at_restore: see `Trainer`.
     """
 
     updates: int | None = None

@@ -30,11 +30,15 @@ class Kind(Settings):
     """Base class of all kinds. The fields of a kind are its options and enter the encoder's id.
 
     A kind implements `encode` and `decode`. Callers use `to_latents` and `from_latents`, which
-    also apply the option `rescale`. `decodes_later` says that `decode` returns the state
-    `steps_ahead` steps later, `is_rowwise` that `encode` has no matrix product, which may round
-    differently in a larger batch: a row has the same latents, bit for bit, in every batch.
-    `needs_all_features` refuses the option `features`. `bases` has options by the name of their
-    source.
+    also apply the option `rescale`.
+
+    Attributes:
+        uses_actions: whether its training needs the actions and rewards between two states.
+        needs_all_features: whether it refuses the option `features`.
+        bases: options by the name of their source.
+        decodes_later: whether `decode` returns the state `steps_ahead` control steps later.
+        is_rowwise: whether a row has the same latents, bit for bit, in every batch. That is so if
+            `encode` has no matrix product, which may round differently in a larger batch.
     """
 
     uses_actions: ClassVar[bool] = False

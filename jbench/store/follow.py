@@ -24,9 +24,13 @@ POLL_SECONDS = 2.0
 class Change(NamedTuple):
     """What a commit has changed in a run.
 
-    `is_new`: it is seen for the first time or has started over, so that rows of it that were
-    yielded before are void. `status_changed` is then true, too. `rows` are the new ones, each with
-    its table, in the order of control steps; numbers that are not finite are None.
+    Attributes:
+        record: of the run.
+        is_new: whether the run is seen for the first time or has started over; rows of it that
+            were yielded before are then void.
+        status_changed: whether its status is another one; also true if it is new.
+        rows: the new rows, each with its table, in the order of control steps; numbers that are
+            not finite are None.
     """
 
     record: Record

@@ -40,9 +40,14 @@ class Flaw(NamedTuple):
 
 
 class Verified(NamedTuple):
-    """Numbers of readable manifests, of the files that they list and of their bytes; and flaws.
+    """What a check of a results directory has found.
 
-    `left_out` counts the records some of whose files are left out of an installed package.
+    Attributes:
+        records: number of records whose manifests can be read.
+        files: number of files that these list.
+        bytes: of these files.
+        findings: what is wrong, and warnings.
+        left_out: number of records some of whose files are left out of an installed package.
     """
 
     records: int

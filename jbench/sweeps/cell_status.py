@@ -49,9 +49,12 @@ _UNKNOWN = _Estimate(None, "unknown")
 class CellStatus(NamedTuple):
     """Numbers of seeds of a cell by status, and what is left of all its runs.
 
-    `estimate` is the source of `seconds_left` (s on this machine): "measured runs", "a quick
-    measurement" or "unknown"; empty if nothing is left. `evaluating` is the share that evaluations
-    take; 0 if they have fewer control steps than the training, and then at most take half.
+    Attributes:
+        steps_left: control steps.
+        seconds_left: s on this machine; None if unknown.
+        estimate: source of `seconds_left`, as of `_Estimate`; empty if nothing is left.
+        evaluating: share of the time that evaluations take; 0 if they have fewer control steps
+            than the training, and so take at most half of the time.
     """
 
     cell: Cell

@@ -57,11 +57,16 @@ class _Envelope(BaseModel):
 
 
 class Checkpoint(NamedTuple):
-    """State of an agent and its robots from which a run resumes; `read_replay` reads the buffer.
+    """State of an agent and its robots from which a run resumes.
 
-    `replay_row` is the number after the last row in the replay buffer, 0 without one. If it is not
-    the newest checkpoint, the newer ones are damaged. A `compact` replay buffer has no rows to
-    read: they are computed again.
+    The rows of its replay buffer are read by `replay_pieces.stored_rows`.
+
+    Attributes:
+        position: where the run is.
+        state: of agent and robots.
+        replay_row: number after the last row in the replay buffer; 0 without one.
+        newest: whether no newer checkpoint of the record is damaged.
+        compact: a replay buffer without rows to read, since they are computed again.
     """
 
     position: Position

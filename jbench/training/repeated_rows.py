@@ -35,9 +35,13 @@ Rows = dict[RowKey, Mapping[str, Any]]
 class Repeated(NamedTuple):
     """A part of a run that was computed again: its last evaluation, or its first episodes.
 
-    The reason is a sentence on why it is not comparable, or how it differs; otherwise it is empty.
-    The part ends at `control_steps`, None if it was not repeated. `recorded` and `computed` are the
-    returns of its episodes in the database and here.
+    Attributes:
+        run: id of the run.
+        verdict: on the returns.
+        reason: a sentence on why they are not comparable, or how they differ; otherwise empty.
+        control_steps: where the part ends; None if it was not computed again.
+        recorded: returns of its episodes in the database.
+        computed: returns of its episodes here.
     """
 
     run: str

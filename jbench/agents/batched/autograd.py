@@ -1,9 +1,9 @@
 """Trains the update rules of other packages, which autograd differentiates.
 
 A seed has a copy of the rule whose parameters are views of the tensors of the engine. In a stack, a
-loss is a function of parameters and batch (`torch.func.functional_call`) that is differentiated and
-mapped over the seeds (`grad_and_value`, `vmap`). A seed alone does without these: they take longer
-than the products of small matrices.
+loss is a function of parameters and batch (`torch.func.functional_call`) that is mapped over the
+seeds (`torch.func.vmap`) and differentiated. A seed alone does without these: they take longer than
+the products of small matrices.
 """
 
 import copy

@@ -16,9 +16,9 @@ def environments_class(task: str) -> type[Environments]:
 
 
 class EndingEnvironments(Environments):
-    """Environments each of which begins its next episode when its own one has ended.
+    """Environments of which each begins its next episode as soon as its own has ended.
 
-    `episodes` and `steps`, which count episodes that begin together, are 0.
+    The counts `episodes` and `steps` of episodes that begin together stay 0.
     """
 
     has_one_length = False

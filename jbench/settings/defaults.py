@@ -136,7 +136,10 @@ def _source_values(algo: str, base: Base) -> Mapping[str, Any]:
 
 
 def _if_not_typed(name: str, run: RunSettings, base: Base | None) -> Any:
-    """Returns the value of an option of `jbench train` that is left out, None if it varies."""
+    """Returns the value that an option of `jbench train` has if it is left out.
+
+    It is None if it follows from other options.
+    """
     if name == "time_limit":
         return default_time_limit(base)
     if name == "engine":

@@ -9,7 +9,10 @@ take no longer than the training."""
 
 
 def evaluation_interval(steps: int, episode_steps: int) -> int:
-    """Returns a tenth of a run in whole episodes, at most 50,000: the steps between evaluations."""
+    """Returns the control steps between evaluations: a tenth of a run in whole episodes.
+
+    They are at most 50,000, also where that is within an episode.
+    """
     return min(max(steps // (10 * episode_steps), 1) * episode_steps, 50_000)
 
 

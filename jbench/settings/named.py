@@ -1,4 +1,7 @@
-"""Settings of runs as their names have them: by the nearest base, and with whose encoder it is."""
+"""Settings of runs as their names show them: by the nearest source of hyperparameters (base).
+
+Names also say whether agents have an encoder each, or share one.
+"""
 
 from collections.abc import Mapping
 from functools import cache
@@ -18,16 +21,16 @@ DRAWS = ("encoder_draws",)
 TIME_LIMIT = ("time_limit",)
 
 WHOSE = "encoders"
-"""Whether agents have one encoder each, or share one."""
+"""Name for whether the agents of a variant have an encoder each ("each") or share one ("one")."""
 
 USUAL = "usual"
 """The base that a task has if none is typed."""
 
 
 def with_encoders(flat: Mapping[str, Flat]) -> dict[str, Flat]:
-    """Returns settings of variants that say whose encoder it is, if some share one and some don't.
+    """Returns settings of variants with `WHOSE`, if only some of them share an encoder.
 
-    Ids and hashes of encoders are left out where this tells the variants apart.
+    Ids and hashes of encoders are left out where `WHOSE` is enough to tell the variants apart.
     """
     draws = {values.get(DRAWS) for values in flat.values()} - {None}
     shared = {values.get(ENCODER) for values in flat.values()} - {None}

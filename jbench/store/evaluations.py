@@ -27,8 +27,9 @@ def joined_runs(
 ) -> dict[str, str]:
     """Returns, by evaluation, the run whose last evaluation its episodes join.
 
-    They are on the run's task and its last robot, with random targets and the run's own code. Of
-    several evaluations with one seed, whose episodes are the same, the longest joins.
+    An evaluation joins if it is finished, and was made on the run's task and its last robot, with
+    random targets and the run's own code. Of several evaluations with one seed, which have the same
+    first episodes, only the longest joins.
 
     Args:
         runs: settings by id.

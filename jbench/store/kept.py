@@ -1,10 +1,10 @@
 """The share of each feature that an encoder keeps: the column `kept` of `encoder_features`.
 
-An encoder of one layer sees a state only through some directions, the rows of its weights. What of
-a feature it keeps is the squared length of the projection of the feature's unit vector on the span
-of these directions: 1 if it can be reconstructed, 0 if it is lost, and latents / features on
-average over the features, so that a single direction is shared by all. It is computed from the
-weights when rows are read, so encoders of every age have it.
+An encoder of one layer sees a state only through some directions, the rows of its weights. The
+share of a feature is the squared length of its unit vector's projection on the span of these
+directions. It is 1 if the feature can be reconstructed, and 0 if it is lost. The sum over all
+features is the number of independent directions. Shares are computed from the weights when rows
+are read, so encoders of every age have them.
 """
 
 from collections.abc import Mapping, Sequence

@@ -161,7 +161,7 @@ def _with_accepted_code(run: RunSettings, origin: Record, accepted: str) -> RunS
 
 
 def _left_alone(origin: Changed) -> str:
-    """Returns a sentence on a record from which a run could go on, but does not."""
+    """Returns a sentence on a record that a new run would continue if its code were the same."""
     verb = "continues" if origin.record.is_finished else "resumes"
     return (
         f"{since_recorded(origin.record, origin.files)}, so its seed trains from the beginning "

@@ -1,8 +1,8 @@
 """The finished runs that longer ones continue, and what prevents it.
 
 Steps are part of a run's settings, so a run that continues one whose last checkpoint was kept
-(`--keep-state`) has a record of its own, which begins with a copy that `run_batch` makes. Nothing
-but a sequence of robots depends on the number of steps.
+(`--keep-state`) has a record of its own, which begins with a copy that `run_batch` makes. Training
+does not depend on the number of steps to come, except on a sequence of robots.
 """
 
 import math

@@ -21,8 +21,8 @@ from jbench.tasks.task import PATH_EVERY, Act, RobotPath, Task, episode_generato
 from jbench.tasks.worlds import EpisodeError, Worlds
 
 FINAL_EPISODES = 100
-"""Episodes of the last evaluation, with which runs are compared. Ten are enough for a curve, but
-the returns of an agent's episodes vary more than the expected returns of agents."""
+"""Episodes of the last evaluation, by which runs are compared. Ten are enough for a curve, but not
+for a comparison: the returns of one agent's episodes vary more than the means of agents do."""
 
 
 def load_run_encoder(

@@ -29,6 +29,7 @@ class JitterbugWorlds(Worlds):
     """
 
     target: Target
+    # Of all robots; the leading axis is that of `Robots`, or none for `OneRobot`.
     _state: State
     _target: Target
     _seen: dict[str, Array]

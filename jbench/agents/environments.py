@@ -134,7 +134,6 @@ class Environments:
         self._mirrors = any(action_signs(encoder, blank) is not None for encoder in self.encoders)
         self._augment = augment
         self._robot = augment(0)
-        self._all = np.ones(self._shape, bool)
         self._worlds = self._new_worlds()
         self.failures: dict[int, EpisodeError] = {}
         self.episodes = 0
@@ -221,7 +220,8 @@ class Environments:
         self.steps += 1
         if self.steps != self.episode_steps:
             return None
-        ends = Ends(self._all, ~self._all, self._returns, np.full(self._shape, self.steps))
+        every = np.ones(self._shape, bool)
+        ends = Ends(every, ~every, self._returns, np.full(self._shape, self.steps))
         self.episodes += 1
         self._begin_episodes()
         return ends

@@ -20,9 +20,10 @@ from jbench.settings.algorithms import OffPolicySettings
 
 
 class OffPolicyEngine(BatchedEngine[OffPolicyLearner[Any]]):
-    """Agents that learn from one replay buffer each."""
+    """Agents that learn from one replay buffer each; `replay` has those of all seeds."""
 
     _settings: OffPolicySettings
+    replay: ReplayBuffer
 
     def _make_buffers(self) -> None:
         """Makes the replay buffers, and the updates of each group."""
@@ -36,7 +37,7 @@ class OffPolicyEngine(BatchedEngine[OffPolicyLearner[Any]]):
         sizes = Sizes(
             seeds, count, settings.buffer_size, environments.size, environments.action_size
         )
-        self._replay = buffer_class(ends_early=not environments.has_one_length)(
+        self.replay = buffer_class(ends_early=not environments.has_one_length)(
             sizes,
             flush_every=rollout_steps,
             episode_steps=environments.episode_steps,
@@ -59,11 +60,6 @@ class OffPolicyEngine(BatchedEngine[OffPolicyLearner[Any]]):
             for group in self.groups
         ]
         self.replay.begin(environments.observations)
-
-    @property
-    def replay(self) -> ReplayBuffer:
-        """The replay buffers of all seeds."""
-        return self._replay
 
     def repeat(
         self, episodes: int, before: Sequence[Tensor], row: int, actions: NDArray[np.float32]

@@ -59,19 +59,8 @@ class Ray:
         self._seen: dict[str, str] = {}
 
         self._join(address or os.environ.get("RAY_ADDRESS"), jobs)
-        resources = self._ray.cluster_resources()
-        room = int(resources.get("CPU", 0))
-        gpus = resources.get("GPU", 0)
-        if gpus < gpus_per_task:
-            raise RequestError(
-                f"--gpus-per-task {gpus_per_task:g}: the cluster has {gpus:g} GPUs; type less, or "
-                "0 for none."
-            )
-
-        if gpus_per_task:
-            room = min(room, int(gpus / gpus_per_task))
-
-        self.jobs = jobs or max(1, room)
+        room = self._room(gpus_per_task)
+        self.jobs = jobs or room
 
         # If a node dies, Ray restarts its tasks on another one, without limit.
         node = {"num_cpus": 1, "max_retries": -1, "scheduling_strategy": "SPREAD"}
@@ -116,6 +105,24 @@ class Ray:
                 f"No Ray cluster can be joined at {address or 'this machine'} ({reason}); type "
                 "--address HOST:6379 of a cluster started with ray start --head."
             ) from None
+
+    def _room(self, gpus_per_task: float) -> int:
+        """Returns for how many tasks at a time the cluster has resources, at least one.
+
+        Raises a RequestError if it has not the GPUs of a single task.
+        """
+        resources = self._ray.cluster_resources()
+        room = int(resources.get("CPU", 0))
+        gpus = resources.get("GPU", 0)
+        if gpus < gpus_per_task:
+            raise RequestError(
+                f"--gpus-per-task {gpus_per_task:g}: the cluster has {gpus:g} GPUs; type less, or "
+                "0 for none."
+            )
+
+        if gpus_per_task:
+            room = min(room, int(gpus / gpus_per_task))
+        return max(1, room)
 
     def _progress(self, runs: Sequence[RunSettings]) -> Iterator[EpisodeEnded]:
         """Yields the last episode of each run that was committed since it was looked at."""

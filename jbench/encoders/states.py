@@ -83,7 +83,8 @@ class States:
         self.action_size = find_task(task).action_size
         self._episodes = split_episodes(dataset.episodes, seed)._asdict()
         self._memory = memory
-        self._chosen_from: States | None = None  # it would be a cycle for all features
+        # None for all features, since a reference to itself would be a cycle.
+        self._chosen_from: States | None = None
         steps = dataset.control_steps / dataset.episodes  # of an episode, on average
         self._episode_bytes = round((steps + 1) * self.size * 4)
         self.in_memory = dataset.episodes * self._episode_bytes <= memory

@@ -219,8 +219,10 @@ def _common_rows(mine: Record, other: Record, table: str) -> Iterator[tuple[pa.T
         """Returns the rows of each file of a record."""
         return (record.read_part(e, schema.FILES.get(table)) for e in record.parts(table))
 
-    ours, theirs = read(mine), read(other)
-    left, right = next(ours, None), next(theirs, None)
+    ours = read(mine)
+    theirs = read(other)
+    left = next(ours, None)
+    right = next(theirs, None)
     while left is not None and right is not None:
         count = min(len(left), len(right))
         yield left[:count], right[:count]

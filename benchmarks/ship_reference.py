@@ -22,9 +22,9 @@ from typing import Any
 
 from jbench.names import parse_numbers
 from jbench.policies.network import DESCRIPTION, WEIGHTS
-from jbench.policies.saved import has_policy
 from jbench.store import Record, Results, files
 from jbench.store.manifest import FileEntry, Manifest
+from jbench.store.rows import has_policy
 from jbench.store.shipped import may_lack, shipped
 from jbench.store.verify import examine
 

@@ -18,7 +18,7 @@ from packaging.utils import canonicalize_name
 
 from jbench import __version__
 from jbench.names import POLICY_FILES
-from jbench.policies.saved import has_policy
+from jbench.store.rows import has_policy
 from jbench.store.shipped import kept_policies, shipped_results
 from tests import every_verb
 from tests.command_line import SHORT

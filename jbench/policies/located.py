@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 from jbench.errors import RequestError
 from jbench.names import REFERENCE, shown_as
-from jbench.policies.saved import has_policy
 from jbench.store import Results
+from jbench.store.rows import has_policy
 from jbench.store.shipped import LEFT_OUT, shipped_results
 
 SHIPPED = f"{REFERENCE}/"

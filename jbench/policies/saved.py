@@ -11,6 +11,7 @@ from jbench.policies.network import DESCRIPTION, WEIGHTS, SavedNetwork
 from jbench.settings.records import EXTERNAL, Specs
 from jbench.store import Record, Results
 from jbench.store.code import check_code
+from jbench.store.rows import has_policy
 from jbench.store.shipped import LEFT_OUT, results_to_read
 from jbench.tasks.find import check_specs, code_provenance, find_task
 
@@ -32,11 +33,6 @@ class TrainedAgent:
                 f"(..., {size}), not {observations.shape}."
             )
         return on_observations(self.encoder, self.policy.act)(observations)
-
-
-def has_policy(record: Record) -> bool:
-    """Returns whether a run was saved with its policy; most shipped runs were not."""
-    return {WEIGHTS, DESCRIPTION} <= {entry.name for entry in record.manifest.files}
 
 
 def agent_code(results: Results, record: Record) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from jbench.store.files import NoRoomError
 from jbench.store.manifest import ID, KINDS, MANIFEST, RecordKind
 from jbench.store.quarantine import Quarantine
 from jbench.store.record import Folder, Record
+from jbench.store.rows import has_policy
 from jbench.store.verify import ShowProgress, examine, no_progress
 
 MergeOutcome = Literal["copied", "replaced", "same", "kept", "refused"]
@@ -168,7 +169,7 @@ def _other_files(mine: Record, other: Record) -> str | None:
     ]
     names = {name for name, _ in contents[0] ^ contents[1]}
     if names == {*POLICY_FILES}:
-        if not (_has_policy(mine) and _has_policy(other)):
+        if not (has_policy(mine) and has_policy(other)):
             return None
         # Older versions wrote the same policy in another format.
         formats = {b'"network"' in record.read_file(POLICY_FILES[1]) for record in (mine, other)}
@@ -180,14 +181,9 @@ def _other_files(mine: Record, other: Record) -> str | None:
 
 def _with_policy(mine: Record, other: Record) -> MergeOutcome:
     """Returns the outcome for equal rows, of which one copy may lack the policy."""
-    if _has_policy(mine) == _has_policy(other):
+    if has_policy(mine) == has_policy(other):
         return "same"
-    return "kept" if _has_policy(mine) else "replaced"
-
-
-def _has_policy(record: Record) -> bool:
-    """Returns whether a run has kept its policy."""
-    return {*POLICY_FILES} <= {entry.name for entry in record.manifest.files}
+    return "kept" if has_policy(mine) else "replaced"
 
 
 def _difference(mine: Record, other: Record, table: str) -> str | None:

@@ -6,6 +6,7 @@ from typing import Any
 
 import pyarrow as pa
 
+from jbench.names import POLICY_FILES
 from jbench.settings.recorded import variant
 from jbench.store import schema
 from jbench.store.files import DamagedError
@@ -61,6 +62,11 @@ def _converted(value: Any, field: pa.Field) -> Any:
 def has_diverged(manifest: Manifest) -> bool:
     """Returns whether a run diverged; its manifest is untrusted."""
     return isinstance(manifest.summary.get("diverged"), dict)
+
+
+def has_policy(record: Record) -> bool:
+    """Returns whether a run was saved with its policy; most shipped runs were not."""
+    return {*POLICY_FILES} <= {entry.name for entry in record.manifest.files}
 
 
 def _of_its_kind(record: Record) -> Row:

@@ -14,7 +14,7 @@ from jbench.agents.find import algorithm_provenance
 from jbench.cores import one_thread
 from jbench.devices import find_device
 from jbench.errors import RequestError, WorkError
-from jbench.policies.saved import TrainedAgent, has_policy, load_agent
+from jbench.policies.saved import TrainedAgent, load_agent
 from jbench.settings.engines import ENGINES
 from jbench.settings.recorded import Run, Unreadable, read_run
 from jbench.settings.records import ExternalSettings
@@ -29,6 +29,7 @@ from jbench.store.code import (
     have_changed,
 )
 from jbench.store.provenance import device_provenance, differences, provenance
+from jbench.store.rows import has_policy
 from jbench.tasks.task import Act
 from jbench.training.batched_run import run_batch
 from jbench.training.code import acting_code, run_code

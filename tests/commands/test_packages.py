@@ -11,9 +11,9 @@ import pytest
 from jbench.agents.algorithms import algorithm_fields
 from jbench.cli import main
 from jbench.policies.network import WEIGHTS
-from jbench.policies.saved import has_policy
 from jbench.settings.run import RunSettings
 from jbench.store import Results
+from jbench.store.rows import has_policy
 from jbench.training.batched_run import run_batch
 from jbench.training.events import Resumed
 from tests.command_line import SHORT, Process, jbench, succeed

@@ -10,10 +10,10 @@ import pytest
 from benchmarks import ship_reference
 from jbench.cli import main
 from jbench.policies import find, located
-from jbench.policies.saved import has_policy
 from jbench.settings.base import settings_hash
 from jbench.settings.records import EvaluationSettings
 from jbench.store import Results
+from jbench.store.rows import has_policy
 from jbench.store.shipped import shipped
 from jbench.store.verify import verify
 from jbench.tasks.jitterbug.features import observation_size

@@ -17,10 +17,11 @@ from torch import nn
 import jbench
 from jbench.errors import RequestError
 from jbench.policies.actors import copy_module
-from jbench.policies.saved import has_policy, load_agent
+from jbench.policies.saved import load_agent
 from jbench.settings.recorded import read_run
 from jbench.settings.records import ExternalSettings
 from jbench.store import Results
+from jbench.store.rows import has_policy
 from jbench.training.repeat import reevaluate
 from tests.command_line import SHORT, Process
 from tests.documentation import ROOT

@@ -64,7 +64,7 @@ def with_base(flat: Flat, *, only_recorded: bool) -> Flat:
         return flat
 
     published = bases(algo)["published"]
-    # Only in tests runs have no task.
+    # Settings that another program wrote may lack the task.
     task = str(flat.get(("task",), TASKS[0]))
     base = nearest_base(algo, {".".join(path[1:]): value for path, value in given.items()}, task)
     assert base is not None

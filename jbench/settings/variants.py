@@ -22,6 +22,9 @@ from jbench.settings.recorded import (
 )
 from jbench.settings.run import RunSettings
 
+_Form = Callable[[str, Any], str]
+"""Returns the text of a setting, given its name and value; empty for none."""
+
 _NAMED_SETTINGS = 4
 _VALUE_LENGTH = 34
 
@@ -53,7 +56,8 @@ def variant_labels(
     def label(name: str, value: Any) -> str:
         return code_word(name, value, dates or {}) or f"{name}={_text(value)}"
 
-    return {variant: ", ".join(words) for variant, words in _labels(settings, label).items()}
+    values = {v: with_base(flatten(run), only_recorded=False) for v, run in settings.items()}
+    return {variant: ", ".join(words) for variant, words in _labels(values, label).items()}
 
 
 def variant_words(
@@ -83,31 +87,39 @@ def variant_words(
         return encoder or _word(name, value, dates or {})
 
     jitterbug = {v: run for v, run in settings.items() if getattr(run, "specs", None) is None}
-    if jitterbug and len(jitterbug) < len(settings):  # their defaults are others
-        others = {v: run for v, run in settings.items() if v not in jitterbug}
-        return {
-            variant: words
-            for part in (jitterbug, others)
-            for variant, words in variant_words(part, dates, encoders, elsewhere).items()
-        }
+    others = {v: run for v, run in settings.items() if v not in jitterbug}
+    # Each robot has defaults of its own.
+    return _words(jitterbug, word, elsewhere) | _words(others, word, elsewhere)
 
+
+def _words(
+    settings: Mapping[str, Run], word: _Form, elsewhere: Collection[SettingPath]
+) -> dict[str, list[str]]:
+    """Returns the words of variants on robots with the same defaults; see `variant_words`."""
     groups: dict[str, dict[str, Run]] = {}
     for variant, run in settings.items():
         groups.setdefault(alike(run, _SAME_NAME), {})[variant] = run
 
     first = dict(next(iter(group.items())) for group in groups.values())
     always = {variant: chosen_paths(run) | {*elsewhere} for variant, run in first.items()}
-    words = _labels(first, word, (*_SAME_NAME, WHOSE), in_words=True, always=always)
-    named: dict[str, list[str]] = {}
-    for variant, group in zip(first, groups.values(), strict=True):
-        for task in dict.fromkeys(run.task for run in group.values()):
-            # Those of one task differ in their evaluations or encoders.
-            same_task = {v: run for v, run in group.items() if run.task == task}
-            more = _labels(same_task, word, in_words=True)
-            for v, apart in more.items():
-                named[v] = words[variant] + apart
+    on_all_tasks = _labels(_shown(first), word, (*_SAME_NAME, WHOSE), always)
 
-    return named
+    words: dict[str, list[str]] = {}
+    for name, group in zip(first, groups.values(), strict=True):
+        for task in dict.fromkeys(run.task for run in group.values()):
+            # Variants on one task differ in their evaluations or encoders.
+            same_task = {variant: run for variant, run in group.items() if run.task == task}
+            for variant, apart in _labels(_shown(same_task), word).items():
+                words[variant] = on_all_tasks[name] + apart
+
+    return words
+
+
+def _shown(settings: Mapping[str, Run]) -> dict[str, Flat]:
+    """Returns the settings that words are made of, without options of ours at their default."""
+    return with_encoders(
+        {variant: with_base(flatten(run), only_recorded=True) for variant, run in settings.items()}
+    )
 
 
 def hyperparameter_words(run: Run) -> list[str]:
@@ -149,11 +161,9 @@ def _word(name: str, value: Any, dates: Mapping[str, str]) -> str:
 
 
 def _labels(
-    settings: Mapping[str, Run | Mapping[str, Any]],
-    form: Callable[[str, Any], str],
+    values: Mapping[str, Flat],
+    form: _Form,
     left_out: Collection[str] = VARIANT,
-    *,
-    in_words: bool = False,
     always: Mapping[str, Collection[SettingPath]] | None = None,
 ) -> dict[str, list[str]]:
     """Returns the label of each variant: a text for each setting in which the variants differ.
@@ -162,15 +172,12 @@ def _labels(
     two labels equal, each label ends with the name of its variant.
 
     Args:
-        settings: by variant.
-        form: returns the text of a setting by its name and value, or nothing for one that needs no
-            text. The value of a setting that a variant does not have is `...`.
+        values: settings by variant.
+        form: see `_Form`; the value of a setting that a variant does not have is `...`.
         left_out: names of settings that no label has.
-        in_words: whether options of ours at their default are left out.
         always: of each variant, the settings that its label has even if all variants agree.
     """
     always = always or {}
-    values = _comparable_values(settings, in_words=in_words)
     differing = differing_paths(values.values())
     candidates = differing.union(*always.values())
     every_path = dict.fromkeys(path for each in values.values() for path in each)
@@ -190,17 +197,6 @@ def _labels(
         return {variant: [*label, f"{CUT} ({variant})"] for variant, label in labels.items()}
 
     return labels
-
-
-def _comparable_values(
-    settings: Mapping[str, Run | Mapping[str, Any]], *, in_words: bool
-) -> Mapping[str, Flat]:
-    """Returns the settings of each variant as labels compare them; see `_labels`."""
-    flat = {
-        variant: with_base(flatten(each), only_recorded=in_words)
-        for variant, each in settings.items()
-    }
-    return with_encoders(flat) if in_words else flat
 
 
 def _in_order(values: Mapping[str, Flat], paths: Collection[SettingPath]) -> list[str]:

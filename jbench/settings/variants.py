@@ -211,7 +211,7 @@ def _in_order(values: Mapping[str, Flat], paths: Collection[SettingPath]) -> lis
 def _texts(
     values: Flat,
     names: Mapping[SettingPath, str],
-    form: Callable[[str, Any], str],
+    form: _Form,
     always: Collection[SettingPath],
 ) -> dict[SettingPath, str]:
     """Returns the texts of the settings of a variant, without those that need none.

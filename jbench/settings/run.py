@@ -82,7 +82,9 @@ class RunSettings(TrainedSettings):
         if self.specs is not None and algorithm.is_mirrored:
             raise ValueError(f"no mirror image is known of {self.task}: mirror must be false")
         if self.precision != "float32" and not ENGINES[self.engine].has_options:
-            raise ValueError("precision is a setting of the batched engine")
+            raise ValueError(
+                "precision is a setting of the batched engine: leave it out, or choose that engine"
+            )
         if self.precision not in algorithm.precisions:
             raise ValueError(
                 f"{self.algo} does not learn in {self.precision}: precision must be float32"

@@ -171,7 +171,10 @@ def arms(parts: Parts) -> Iterator[Arm]:
                     continue
                 task, _ = task_and_representation(name)
                 if task not in map(in_id, part.tasks):
-                    raise RequestError(f"the encoder {name} is of {task}, which is not in tasks.")
+                    raise RequestError(
+                        f"the encoder {name} is of {task}, which is not in tasks; add it to them, "
+                        "or choose another encoder."
+                    )
 
         for task in part.tasks:
             for algo in part.algos:

@@ -145,7 +145,7 @@ def planned(
             key = canonical_json({"entry": [first.key, second.key, entry.claim]})
             if key in seen:
                 ours, theirs = (side.representation for side in (entry.first, entry.second))
-                raise RequestError(f"{ours} against {theirs} is listed twice.")
+                raise RequestError(f"{ours} against {theirs} is listed twice; leave one out.")
             seen[key] = where
             most = entry.max_seeds or max_seeds
             labels = _label(first, entry.first), _label(second, entry.second)

@@ -182,9 +182,14 @@ def _settings_to_train(results: Results, record: Record, accept_changed: bool) -
             "can be repeated; type --episodes 0."
         )
     if not isinstance(settings, RunSettings):
-        raise RequestError(f"Another program or version wrote the settings of {record.id}.")
+        raise RequestError(
+            f"Another program or version wrote the settings of {record.id}: repeat it there."
+        )
     if not record.rows("episodes"):
-        raise RequestError(f"{record.id} is {record.status} and has no episode to compare with.")
+        raise RequestError(
+            f"{record.id} is {record.status} and has no episode to compare with; type the id of a "
+            "run that has one."
+        )
     now = run_code(settings, results)
     if not changed_code(record, results, accept_changed):
         return settings

@@ -95,5 +95,5 @@ class DDPGSettings(DeterministicSettings):
     def _layer_exists(self) -> Self:
         """Raises a ValueError if the critic has no layer to which the action could go."""
         if self.action_layer > len(self.hidden_layers):
-            raise ValueError("action_layer=1 needs a critic with hidden layers")
+            raise ValueError("action_layer=1 needs a critic with hidden layers: it must be 0")
         return self

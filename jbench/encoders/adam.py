@@ -1,4 +1,4 @@
-"""Adam without the class of PyTorch, which imports its compiler.
+"""Adam (Kingma and Ba, 2015, Algorithm 1) without the class of PyTorch, which imports its compiler.
 
 `torch.optim.Adam` imports `torch._dynamo`, which takes seconds, and that imports triton where
 PyTorch has CUDA: its LLVM ends the process (SIGSEGV) if MuJoCo has loaded that of Mesa before.
@@ -10,10 +10,46 @@ import torch
 from torch import Tensor
 
 
-class FusedAdam:
-    """The moments of some values, and the kernel of `torch.optim.Adam(fused=True)`.
+def fused_step(
+    values: list[Tensor],
+    gradients: list[Tensor],
+    first: list[Tensor],
+    second: list[Tensor],
+    steps: list[Tensor],
+    *,
+    learning_rate: float,
+    epsilon: float = 1e-8,
+) -> None:
+    """Makes one step in place, by the kernel of `torch.optim.Adam(fused=True)`.
 
-    Source: Kingma and Ba (2015), Algorithm 1, with their beta and epsilon.
+    Args:
+        values: what is trained.
+        gradients: of the loss by each of the values.
+        first: the moving average of the gradients, for each of the values.
+        second: that of their squares.
+        steps: the number of steps, this one included, for each of the values.
+        learning_rate: of this step.
+        epsilon: added to the root of the second moment; by default that of the paper.
+    """
+    torch._fused_adam_(
+        values,
+        gradients,
+        first,
+        second,
+        [],
+        steps,
+        amsgrad=False,
+        lr=learning_rate,
+        beta1=0.9,
+        beta2=0.999,
+        weight_decay=0.0,
+        eps=epsilon,
+        maximize=False,
+    )
+
+
+class FusedAdam:
+    """Some values and their moments; see `fused_step`.
 
     Attributes:
         values: what is trained, in place.
@@ -36,18 +72,11 @@ class FusedAdam:
         for steps in self.steps:
             steps += 1
 
-        torch._fused_adam_(
+        fused_step(
             self.values,
             list(gradients),
             self.first,
             self.second,
-            [],
             self.steps,
-            amsgrad=False,
-            lr=self.learning_rate,
-            beta1=0.9,
-            beta2=0.999,
-            weight_decay=0.0,
-            eps=1e-8,
-            maximize=False,
+            learning_rate=self.learning_rate,
         )

@@ -6,12 +6,13 @@ import torch
 from torch import Tensor
 
 from jbench.agents.batched.tensors import Tensors
+from jbench.encoders.adam import fused_step
 
 
 class Adam:
     """Adam over flat parameters (..., count) of one seed or of a stack, and their gradient.
 
-    Source: Kingma and Ba (2015), Algorithm 1. `name` is the prefix of the saved tensors.
+    `name` is the prefix of the saved tensors.
     """
 
     def __init__(
@@ -29,23 +30,16 @@ class Adam:
         self.steps = view.state(f"{name}.steps", dtype=torch.float32)
         # All seeds of a stack have made the same number of steps.
         steps = self.steps if self.steps.ndim == 0 else self.steps[0]
-        # The kernel of torch.optim.Adam(fused=True) without the optimizer's bookkeeping, which
-        # takes as long as the kernel.
+        # Without the bookkeeping of torch's optimizer, which takes as long as the kernel.
         self._update = partial(
-            torch._fused_adam_,
+            fused_step,
             [values],
             [gradient],
             [first],
             [second],
-            [],
             [steps],
-            amsgrad=False,
-            lr=learning_rate,
-            beta1=0.9,
-            beta2=0.999,
-            weight_decay=0.0,
-            eps=epsilon,
-            maximize=False,
+            learning_rate=learning_rate,
+            epsilon=epsilon,
         )
 
     def step(self) -> None:

@@ -130,6 +130,9 @@ SHIPPED_RESULTS = Path(__file__).with_name(REFERENCE)
 POLICY_FILES = ("policy.safetensors", "policy.json")
 """Files of a run's kept policy: its weights and its layers."""
 
+ENCODER_FILES = ("encoder.safetensors", "encoder.json")
+"""Files of a finished encoder: its weights and its description."""
+
 POLICY_NAMES = (
     f"{HEURISTIC}, random, constant:U with U in [-1, 1], the id of a run, {REFERENCE}/ID of a run "
     "that is shipped with jbench, the FILE.zip of a stable-baselines3 model, an installed policy, "

@@ -12,14 +12,13 @@ from jbench.arrays import Array
 from jbench.encoders.kind import Kind
 from jbench.encoders.networks import Weights
 from jbench.encoders.scaling import Scaling
+from jbench.names import ENCODER_FILES
 
-DESCRIPTION = "encoder.json"
+WEIGHTS, DESCRIPTION = ENCODER_FILES
 
-WEIGHTS = "encoder.safetensors"
-
+# Names of the scaling beside the weights.
 _GAIN = "observation.gain"
-
-_OFFSET = "observation.offset"  # of the scaling, beside the weights
+_OFFSET = "observation.offset"
 
 
 class Encoder(Protocol):

@@ -15,11 +15,12 @@ import safetensors
 import safetensors.numpy
 from numpy.typing import NDArray
 
+from jbench.names import ENCODER_FILES
 from jbench.store.files import DamagedError
 from jbench.store.record import Record
 from jbench.store.schema import KEPT
 
-_WEIGHTS = "encoder.safetensors"
+_WEIGHTS = ENCODER_FILES[0]
 
 _DIRECTIONS = {
     "dae": "encoder.weight",

@@ -17,7 +17,7 @@ from tests.forking import WORKER_NAME
 from tests.training import small_runs
 
 SMALL = """
-tasks = ["face_direction"]
+tasks = [{tasks}]
 algos = [{algos}]
 representations = [{representations}]
 seeds = "{seeds}"
@@ -59,7 +59,12 @@ gradient_steps = 1
 """
 """For runs of a few hundred control steps."""
 
-DEFAULTS = {"algos": '"td3"', "representations": '"full"', "seeds": "0-1"}
+DEFAULTS = {
+    "tasks": '"face_direction"',
+    "algos": '"td3"',
+    "representations": '"full"',
+    "seeds": "0-1",
+}
 DEFAULTS["steps"] = 2000
 DEFAULTS["dataset"] = 4000
 DEFAULTS["gradient_steps"] = 2

@@ -178,6 +178,8 @@ def train_batch(request: str) -> str:
         ended: list[WorkerEvent] = [Failed(run.id, reason) for run in runs]
     else:
         sys.argv = content["command"]  # which records contain
+        if Path(content["directory"]).is_dir():
+            os.chdir(content["directory"])
         events = Local(Results(path), 1, **content["options"]).train(runs)
         ended = [event for event in events if isinstance(event, LastEvent)]
 

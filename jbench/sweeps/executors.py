@@ -58,11 +58,21 @@ class Local:
                 process.stdin.close()
 
     def request(self, runs: Sequence[RunSettings]) -> str:
-        """Returns a worker's request as a line of JSON, with the command that it records."""
+        """Returns a worker's request as a line of JSON.
+
+        It has the command, which records contain, and the working directory, which may have a
+        module of the user.
+        """
         device = self.device if ENGINES[runs[0].engine].is_for_gpu else "cpu"
         options = {"device": device, **self._options}
-        request = {"results": str(self._results.path), "options": options, "command": sys.argv}
-        return json.dumps({**request, "runs": [run.values for run in runs]})
+        request = {
+            "results": str(self._results.path),
+            "options": options,
+            "command": sys.argv,
+            "directory": os.getcwd(),
+            "runs": [run.values for run in runs],
+        }
+        return json.dumps(request)
 
     def stop(self) -> None:
         """Kills all workers and starts no more; what they have not committed is lost."""

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from jbench.store.locks import LOCK
-from tests.command_line import succeed, wait_until
+from tests.command_line import jbench, succeed, wait_until
+from tests.documentation import code_of
 from tests.sweep_matrices import (
     committed,
     end_all,
@@ -95,6 +96,23 @@ def test_sweep_with_killed_node_equals_local_sweep(cluster, tmp_path):
     succeed("sweep", matrix, results=local)
     assert rows(runs, results) == rows(runs, local)
     assert head.any_processes_alive()
+
+
+@pytest.mark.slow
+def test_environments_that_fall_are_trained_on_a_cluster_as_here(cluster, tmp_path, monkeypatch):
+    """One is of a module in the directory of the sweep, which is not that of the cluster."""
+    (tmp_path / "sticks.py").write_text(code_of("your-own-robot.md", "python", "class Stick"))
+    matrix = write_matrix(tmp_path, tasks='"sticks:stick", "gym:Pendulum-v1"', seeds="0")
+    for more in ((), ("--executor", "ray", "--address", cluster.address)):
+        results = tmp_path / ("ray" if more else "local")
+        done = jbench("sweep", matrix, *more, results=results, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    runs = runs_of_matrix(matrix, tmp_path / "ray")
+    assert [run.task for run in runs] == ["sticks:stick", "gym:Pendulum-v1"]
+    assert rows(runs, tmp_path / "ray") == rows(runs, tmp_path / "local")
 
 
 @pytest.mark.parametrize("address", ["127.0.0.1:1", "here", f"127.0.0.1:{10**20}"])

@@ -5,8 +5,9 @@
 
 It prints {"ready": true} after its warm-up. Then it reads lines like {"seconds": 2} and answers
 each with its control steps per second of wall time and per second of processor time, the control
-steps of each seed since the start, and all episodes. Several seeds of a library train in turn. Each
-kind imports only what it needs, since SBX has a separate environment.
+steps of each seed since the start, and all episodes. An answer is about whole rollouts, since PPO
+makes all updates of a rollout at its end. Several seeds of a library train in turn. Each kind
+imports only what it needs, since SBX has a separate environment.
 """
 
 import json
@@ -36,6 +37,12 @@ def settings_of(request: Request) -> Any:
     return algorithm_settings(request["algo"], default_base(request["task"]), changes)
 
 
+def rollout_of(settings: Any) -> int:
+    """Returns the control steps of a seed from one learning phase to the next."""
+    steps: int = settings.rollout(getattr(settings, "n_envs", 1))
+    return steps
+
+
 def batched(request: Request) -> Run:
     """Returns whole training on the batched engine."""
     from jbench.agents.batched.make import make_engine
@@ -46,6 +53,7 @@ def batched(request: Request) -> Run:
     robots = environments_class(task)(task, request["seeds"], getattr(settings, "n_envs", 1))
     engine = make_engine(request["algo"], settings, robots, **request.get("options", {}))
     steps, episodes = engine.learn(10**12), Episodes()
+    rollout = rollout_of(settings)
 
     def step() -> None:
         ends = next(steps)
@@ -54,12 +62,12 @@ def batched(request: Request) -> Run:
                 returns = ends.returns[index, ends.ended[index]].tolist()
                 episodes.extend((seed, engine.control_steps, each) for each in returns)
 
-    while engine.control_steps < WARM_UP:
+    while engine.control_steps < WARM_UP or engine.control_steps % rollout:
         step()
 
     def run(seconds: float) -> tuple[int, int, Episodes]:
         first, end = engine.control_steps, time.perf_counter() + seconds
-        while time.perf_counter() < end:
+        while time.perf_counter() < end or engine.control_steps % rollout:
             step()
         made = len(request["seeds"]) * (engine.control_steps - first)
         return made, engine.control_steps, episodes
@@ -78,11 +86,12 @@ def in_turn(runs: list[Run]) -> Run:
     return run
 
 
-def library(agent: Any, seed: int) -> Run:
+def library(agent: Any, seed: int, rollout: int = 1) -> Run:
     """Returns training of an agent of stable-baselines3 or SBX, which have the same interface.
 
-    `learn` runs in a thread and pauses between two control steps. An agent whose `learn` is ended
-    and called again would lose the transition of that control step, and PPO its rollout.
+    `learn` runs in a thread and pauses at the ends of rollouts, of this many control steps. An
+    agent whose `learn` is ended and called again would lose its last transition, and PPO a whole
+    rollout.
     """
     import numpy as np
     from stable_baselines3.common.callbacks import BaseCallback
@@ -106,7 +115,8 @@ def library(agent: Any, seed: int) -> Run:
             self.episodes.extend((*at, float(self.returns[i])) for i in ended)
             self.returns[ended] = 0
 
-            if self.num_timesteps >= WARM_UP and time.perf_counter() >= self.end:
+            is_over = self.num_timesteps >= WARM_UP and time.perf_counter() >= self.end
+            if is_over and self.num_timesteps % rollout == 0:
                 paused.release()
                 go.acquire()
             return True
@@ -154,7 +164,8 @@ def sb3(request: Request) -> Run:
 
     def training(seed: int) -> Run:
         env = environment(request["task"], getattr(settings, "n_envs", 1))
-        return library(ours.build(request["algo"], settings, env, seed), seed)
+        agent = ours.build(request["algo"], settings, env, seed)
+        return library(agent, seed, rollout_of(settings))
 
     return in_turn([training(seed) for seed in request["seeds"]])
 

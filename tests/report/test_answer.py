@@ -698,6 +698,16 @@ def test_what_ddpg_learns_on_the_three_other_tasks():
     assert f"(random actions: {random['move_from_origin']:.0f})" in text_of("answer")
 
 
+def test_differences_of_the_two_engines():
+    seeds = chosen_from(shipped().seeds, task=TASKS[0], representation="full")
+    for algo, counts, *shown in table("docs/agents.md", "final evaluation return"):
+        for text, kind in zip(shown, ("training", "evaluation"), strict=True):
+            rows = chosen_from(seeds, algo=algo, returns=kind).groupby("words")["final"]
+            sides = [rows.get_group(words) for words in ("stable-baselines3", "")]
+            assert counts == ", ".join(str(len(side)) for side in sides)
+            assert text == difference_in_words(*sides)
+
+
 def test_what_ppo_learns():
     results = jbench.open("reference")
     cells = results.runs(algo="ppo").sort_values("seed").groupby(["task", "n_steps"])

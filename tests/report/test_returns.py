@@ -5,6 +5,7 @@ import pytest
 
 import jbench
 from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, seed_scores
+from jbench.report.data import sources
 from jbench.report.frames import Frames
 from jbench.report.request import Request
 from jbench.returns import EVALUATION, TRAINING
@@ -65,7 +66,7 @@ def test_episodes_of_kept_policies_join_last_evaluation(fabric, trained):
         fabric.evaluation(record.id, [0.0] * 2, seed=2, **other)
     fabric.evaluation("heuristic", [0.0] * 2, seed=3)
     # Of 495, 505, twice 600 and four times 700.
-    assert last_returns(fabric, record) == [625] * 4
+    assert last_returns(fabric, record) == [625] * 5
     seeds = Frames(fabric.results).seeds
     assert seeds.loc[seeds["returns"] == "evaluation", "episodes"].tolist() == [8]
 
@@ -77,8 +78,11 @@ def last_returns(fabric, record):
     seeds = Frames(fabric.results).seeds
     (opened,) = jbench.open(fabric.results.path).runs()["evaluation_return"]
     (reported,) = seeds.loc[seeds["returns"] == "evaluation", "final"]
+    side = sources.side("algo=td3", fabric.results, Request())
+    (cell,) = (cell for cell in side.configurations if cell.kind == EVALUATION)
+    (beside,) = seed_scores(cell).final
     compared = compared_return(record, added=added.get(record.id, ()))
-    return [opened, reported, line.evaluation_return, compared]
+    return [opened, reported, beside, line.evaluation_return, compared]
 
 
 @pytest.mark.filterwarnings("ignore:.*damaged")
@@ -87,7 +91,7 @@ def test_damaged_evaluation_is_named_and_leaves_the_runs_own_episodes(fabric):
     fabric.evaluation(record.id, [600.0] * 2, seed=0)
     (file,) = fabric.results.path.rglob("policy_episodes*.parquet")
     file.write_bytes(file.read_bytes()[:-9])
-    assert last_returns(fabric, record) == [500] * 4
+    assert last_returns(fabric, record) == [500] * 5
     _, (problem,) = list_runs(fabric.results, {}, returns=True)
     assert str(file.parent) in problem
 

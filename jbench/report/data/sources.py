@@ -28,15 +28,9 @@ from jbench.store.shipped import results_to_read
 from jbench.store.tables import Tables, read_tables
 from jbench.wording import are, counted
 
-_RUNS = ("runs", "episodes", "evaluations", "paths", "encoders")
-_MORE = (
-    "encoder_errors",
-    "encoder_features",
-    "encoder_predictions",
-    "policy_evaluations",
-    "policy_episodes",
-    "metrics",
-)
+_ADDED = ("policy_evaluations", "policy_episodes")  # which join the last evaluations of runs
+_RUNS = ("runs", "episodes", "evaluations", "paths", "encoders", *_ADDED)
+_MORE = ("encoder_errors", "encoder_features", "encoder_predictions", "metrics")
 _COLUMNS = {
     "episodes": ("run", "episode", *POINT),
     "evaluations": ("run", "evaluation", "episode", *POINT),
@@ -170,7 +164,7 @@ def _source(
     """Returns the configurations of the runs that pass the filters, and what hinders others."""
     # The name of a directory may contain bytes that no table can hold.
     name = name.encode(errors="backslashreplace").decode()
-    about = ("encoders", *_MORE)
+    about = ("encoders", *_ADDED, *_MORE)
     known = {table: schema.TABLES[table].empty_table() for table in about} | read.tables
     tables = {table: known[table].to_pandas(use_threads=False) for table in about}
     runs, unusable = usable_runs(read.tables["runs"])

@@ -51,8 +51,6 @@ def evaluate(
     database, policy, task = _find(results, policy, task, chosen["augment"])
     task = task or "face_direction"
     about = find_task(task)
-    if target_yaw is not None and about.records_states and "yaw" not in about.drawn:
-        raise RequestError(f"--target-yaw is for tasks with a target direction, not for {task}.")
 
     settings = validated(
         EvaluationSettings,

@@ -70,10 +70,15 @@ def evaluate(
     policy = find_policy(results, named, settings.task, settings.seed, is_accepted)
     code = evaluation_code(settings.task, named)
     task = find_task(settings.task)
-    if not task.records_states and (settings.states or settings.target_yaw is not None):
+    if settings.states and not task.records_states:
         raise RequestError(
-            f"States and targets are recorded of the Jitterbug only, not of {settings.task}: leave "
-            "--states and --target-yaw out."
+            f"States are recorded of the Jitterbug only, not of {settings.task}: leave --states "
+            "out."
+        )
+    if settings.target_yaw is not None and "yaw" not in task.drawn:
+        raise RequestError(
+            f"--target-yaw is for tasks with a target direction, not for {settings.task}: leave it "
+            "out."
         )
 
     with results.locked("evaluation", settings.id) as existing:

@@ -291,5 +291,6 @@ class _FlawError(ValueError):
 
 def close(environment: Any) -> None:
     """Closes an environment that can be closed."""
-    if callable(close := getattr(environment, "close", None)):
-        close()
+    method = getattr(environment, "close", None)
+    if callable(method):
+        method()

@@ -228,7 +228,7 @@ def _number(reward: Any) -> float:
 
 
 def _check_part(name: str, space: spaces.Space[Any]) -> None:
-    """Raises a RequestError if a part of an observation is not a few real numbers."""
+    """Raises an UnusableError if a part of an observation is not a few real numbers."""
     if not isinstance(space, spaces.Box):
         raise UnusableError(
             f"its observation {name} is {type(space).__name__}, and jbench takes real numbers; "

@@ -62,6 +62,14 @@ from tests.documentation import ROOT
         (("query",), "Missing argument 'SQL'; jbench query --help lists the options and shows an"),
         (("runs", "--seed", "x"), "--seed x: type seeds like 0-9"),
         (("evaluate", "--target-yaw", "45", "--task", "move_to_position"), "not for move_to_pos"),
+        (
+            ("evaluate", "random", "--task", "gym:Pendulum-v1", "--states"),
+            "Jitterbug only, not of gym:Pendulum-v1: leave --states out.",
+        ),
+        (
+            ("evaluate", "random", "--task", "gym:Pendulum-v1", "--target-yaw", "45"),
+            "not for gym:Pendulum-v1: leave it out.",
+        ),
         (("export", "--inputs", "observation"), "--inputs is not for minari"),
         (("view", "best"), "Unknown policy 'best'"),
         (("sweep", "smoke", "--address", "here:1"), "are for --executor ray"),

@@ -113,6 +113,21 @@ def test_units_are_divided_among_layers():
     assert OFESettings(units=3).widths == [1] * 3
 
 
+def test_losses_are_means_over_the_newest_learning_phase():
+    ofe = OFESettings(units=12, pretraining=0.0)
+    changes = {"uniform_warmup": False, "learning_starts": 100, "train_freq": 50}
+    changes |= {"gradient_steps": 24}
+    with build_engine("td3", [0], changes=changes, ofe=ofe) as engine:
+        for _ in engine.learn(250):  # two phases of 24 updates, of which 12 are the actor's
+            pass
+        counts = engine.state(0).tensors["agent/losses"][:, 1].tolist()
+        assert dict(zip(engine.learners[0].losses, counts, strict=True)) == {
+            "actor_loss": 12,
+            "critic_loss": 24,
+            "prediction_loss": 24,
+        }
+
+
 @pytest.mark.slow
 def test_features_learn_in_pretraining_and_training():
     ofe = OFESettings(units=12, learning_rate=3e-3, pretraining=2.0, standardize_updates=50)

@@ -30,9 +30,9 @@ class TD3Learner(OffPolicyLearner[TD3Settings]):
 
     def reset_losses(self, delayed: Sequence[bool]) -> None:
         """See `Learner.reset_losses`; the actor's loss is kept until its next update."""
-        self._sums_by_name["critic_loss"].zero_()
-        if any(delayed):
-            self._sums_by_name["actor_loss"].zero_()
+        for name, sums in self._sums_by_name.items():
+            if name != "actor_loss" or any(delayed):
+                sums.zero_()
 
     def update(self, batch: Batch, delayed: bool = True) -> None:
         """Makes one update from a minibatch of N transitions (s, a, r, s').

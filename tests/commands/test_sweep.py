@@ -182,7 +182,7 @@ def test_killed_worker_is_restarted_limited_number_of_times(tmp_path, results):
     kill(pid)
     printed = ended(process)
     assert process.returncode == 0
-    assert "they are tried again" in printed
+    assert "it is tried again" in printed
     assert states(runs, results) == ["finished"] * 2
 
 

@@ -37,7 +37,7 @@ def settings_of(request: Request) -> Any:
     return algorithm_settings(request["algo"], default_base(request["task"]), changes)
 
 
-def rollout_of(settings: Any) -> int:
+def rollout_length(settings: Any) -> int:
     """Returns the control steps of a seed from one learning phase to the next."""
     steps: int = settings.rollout(getattr(settings, "n_envs", 1))
     return steps
@@ -53,7 +53,7 @@ def batched(request: Request) -> Run:
     robots = environments_class(task)(task, request["seeds"], getattr(settings, "n_envs", 1))
     engine = make_engine(request["algo"], settings, robots, **request.get("options", {}))
     steps, episodes = engine.learn(10**12), Episodes()
-    rollout = rollout_of(settings)
+    rollout = rollout_length(settings)
 
     def step() -> None:
         ends = next(steps)
@@ -165,7 +165,7 @@ def sb3(request: Request) -> Run:
     def training(seed: int) -> Run:
         env = environment(request["task"], getattr(settings, "n_envs", 1))
         agent = ours.build(request["algo"], settings, env, seed)
-        return library(agent, seed, rollout_of(settings))
+        return library(agent, seed, rollout_length(settings))
 
     return in_turn([training(seed) for seed in request["seeds"]])
 

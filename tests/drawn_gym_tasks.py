@@ -51,14 +51,17 @@ class LacksPackage(Drawn):
         raise DependencyNotInstalled("paint is not installed, run `pip install paint`")
 
 
-def of(kind):
-    """Returns a function that makes an environment in a mode."""
+def maker(kind):
+    """Returns a function that makes an environment in a render mode."""
     return lambda render_mode=None: limited(lambda: kind(render_mode))()
 
 
-drawn, without_mode, nothing, numbers, error, lacks_package = map(
-    of, (Drawn, WithoutMode, RendersNothing, RendersNumbers, RendersError, LacksPackage)
-)
+drawn = maker(Drawn)
+without_mode = maker(WithoutMode)
+nothing = maker(RendersNothing)
+numbers = maker(RendersNumbers)
+error = maker(RendersError)
+lacks_package = maker(LacksPackage)
 takes_no_mode = limited(Drawn)
 
 

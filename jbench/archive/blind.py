@@ -29,7 +29,7 @@ from jbench.tasks.gym_registry import is_of_gymnasium
 _ROUNDING = ("jbench", "python", "processor", "cores", "threads", "device", "gpu", "cuda", "driver")
 """What of a record's provenance stays, with the versions in `packages`."""
 
-_CODE = ("code", "sources", "accepted")
+_CODE_OF_RECORD = ("code", "sources", "accepted")
 """Settings that identify code: by its package and version, or by a checksum of its files."""
 
 LEFT_OUT = "left-out"
@@ -73,7 +73,7 @@ class Blinder:
                     self._number("task", task)
             self._number("package", settings.get("package"))
 
-            for name in _CODE:
+            for name in _CODE_OF_RECORD:
                 self._number("code", settings.get(name))
             for name in CODE:
                 self._number("code", (settings.get("specs") or {}).get(name))

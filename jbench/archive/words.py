@@ -47,14 +47,14 @@ def found_in(word: str, text: str) -> bool:
 
 def words_of_this_machine(*places: Path) -> set[str]:
     """Returns the words that name this machine, its user, its directories and its git remote."""
-    words = {
+    directories = {str(place.absolute()) for place in (Path.cwd(), *places)}
+    words = directories | {
         socket.gethostname(),
         platform.node(),
         _quietly(getpass.getuser),
         os.environ.get("USER", ""),
         os.environ.get("LOGNAME", ""),
         str(Path.home()),
-        *(str(place.absolute()) for place in (Path.cwd(), *places)),
         _git("config", "user.name"),
         _git("config", "user.email"),
         _git("rev-parse", "HEAD"),

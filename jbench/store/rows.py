@@ -37,7 +37,7 @@ def make_row(record: Record) -> Row:
         values = {
             **manifest.summary,
             **manifest.settings,
-            **_of_its_kind(record),
+            **_columns_of_kind(record),
             record.kind: record.id,
             **{name: getattr(manifest, name) for name in ("status", "created", "updated")},
             "settings": json.dumps(manifest.settings, sort_keys=True),
@@ -69,7 +69,7 @@ def has_policy(record: Record) -> bool:
     return {*POLICY_FILES} <= {entry.name for entry in record.manifest.files}
 
 
-def _of_its_kind(record: Record) -> Row:
+def _columns_of_kind(record: Record) -> Row:
     """Returns the columns that the rows of a record's kind have beside those of all records."""
     manifest = record.manifest
     if record.kind == "run":

@@ -21,7 +21,7 @@ from jbench.tasks.dm_specification import (
 )
 from jbench.tasks.dm_worlds import DmWorlds, EnvironmentTask, close
 from jbench.tasks.gym_adapter import GymAdapter
-from jbench.tasks.own_pictures import physics_of, render_fps
+from jbench.tasks.own_pictures import mujoco_physics, render_fps
 from jbench.tasks.robot_checksum import model_hash, robot_checksum
 from jbench.tasks.task import DOES_NOT_REPEAT, rollout
 from jbench.tasks.worlds import Worlds
@@ -89,7 +89,7 @@ class DmTask(EnvironmentTask):
                 "factory an argument `random`"
             )
 
-        self.has_physics = physics_of(environment) is not None
+        self.has_physics = mujoco_physics(environment) is not None
         self.render_fps = render_fps(environment)
         timestep = getattr(environment, "control_timestep", None)
         self.control_timestep = timestep() if callable(timestep) else None

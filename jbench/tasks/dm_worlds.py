@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from jbench.errors import WorkError, sentence_of_failure
 from jbench.tasks.dm_specification import UnusableError
-from jbench.tasks.own_pictures import check_can_draw, check_draws, physics_of, picture_of
+from jbench.tasks.own_pictures import check_can_draw, check_draws, mujoco_physics, own_picture
 from jbench.tasks.task import Task
 from jbench.tasks.worlds import Chosen, EndingWorlds, EpisodeError, ModelAndData, WorldsState
 from jbench.wording import counted
@@ -168,7 +168,7 @@ class DmWorlds(EndingWorlds):
 
     def physics(self, world: int) -> ModelAndData | None:
         """Returns the model and data of an environment that has a MuJoCo physics."""
-        return physics_of(self.environments[world])
+        return mujoco_physics(self.environments[world])
 
     def prepare_pictures(self) -> None:
         """See `Worlds.prepare_pictures`: the environments are made again."""
@@ -180,7 +180,7 @@ class DmWorlds(EndingWorlds):
 
     def picture(self, world: int) -> NDArray[np.uint8]:
         """See `Worlds.picture`."""
-        return picture_of(self._task.name, self.environments[world])
+        return own_picture(self._task.name, self.environments[world])
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Returns how a copy is made, which has no episode before its first reset."""

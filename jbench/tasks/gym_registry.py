@@ -50,7 +50,8 @@ class RegisteredEnvironment:
 
     def make(self, **more: Any) -> gymnasium.Env[Any, Any]:
         """Returns a new environment with the wrappers of its registration, and more arguments."""
-        return gymnasium.make(self.id, **{**self.arguments, **more})
+        arguments = {**self.arguments, **more}
+        return gymnasium.make(self.id, **arguments)
 
     @property
     def files(self) -> dict[str, str]:

@@ -15,7 +15,7 @@ RENDER_MODE = "rgb_array"
 """Gymnasium's name of the mode in which `render` returns a picture."""
 
 
-def physics_of(environment: Any) -> ModelAndData | None:
+def mujoco_physics(environment: Any) -> ModelAndData | None:
     """Returns MuJoCo's model and data of an environment, if it has them."""
     physics = getattr(environment, "physics", None)
     model = _raw(getattr(physics, "model", None))
@@ -60,7 +60,7 @@ def check_draws(task: str, environment: GymAdapter) -> None:
         )
 
 
-def picture_of(task: str, environment: GymAdapter) -> NDArray[np.uint8]:
+def own_picture(task: str, environment: GymAdapter) -> NDArray[np.uint8]:
     """Returns the picture (height, width, 3) of an environment as a new array.
 
     Raises a RequestError if its `render` fails, lacks a package, or returns anything else.

@@ -316,9 +316,14 @@ def decided(task, representation, against, claim="a"):
     return row
 
 
-def difference_of(row):
+def decided_difference(row):
     """Returns the difference of means of a row of `decided`, with its interval."""
-    return f"{row.difference:+.0f} [{row.low:+.0f}, {row.high:+.0f}]"
+    return with_interval(row.difference, row)
+
+
+def with_interval(value, ends):
+    """Returns a difference and its interval in words, such as `+56 [+10, +100]`."""
+    return f"{value:+.0f} [{ends.low:+.0f}, {ends.high:+.0f}]"
 
 
 def test_decisions_of_the_sequential_test():
@@ -326,7 +331,7 @@ def test_decisions_of_the_sequential_test():
     assert len(rows) == 7
     for task, name, against, *shown in rows:
         row = decided(task, name, against)
-        assert shown == [difference_of(row), row.verdict]
+        assert shown == [decided_difference(row), row.verdict]
 
 
 def test_what_makes_the_latents_of_the_autoencoder_useful(finals):
@@ -555,8 +560,8 @@ def test_comparisons_of_the_agents_of_figure_7():
     page = text_of("answer")
 
     at_end, over_run = (decided(TASKS[0], "dae12-script", "raw", claim) for claim in "ac")
-    assert f"return over the run is higher: {difference_of(over_run)} by the" in page
-    assert f"it is undecided which gets more:** {difference_of(at_end)} by the" in page
+    assert f"return over the run is higher: {decided_difference(over_run)} by the" in page
+    assert f"it is undecided which gets more:** {decided_difference(at_end)} by the" in page
     by_training = rows["training", "c"]
     found = f"{by_training.value:+.0f} {corrected(by_training)}, corrected for 38 comparisons."
     assert by_training.corrected_by == "Holm, 38 comparisons"
@@ -624,7 +629,7 @@ def test_what_standardized_inputs_change_between_observations():
 
     def written(claim, normalize=""):
         row = against.loc[(f"settings=figure8{normalize}", claim)]
-        return f"{row.value:+.0f} [{row.low:+.0f}, {row.high:+.0f}]"
+        return with_interval(row.value, row)
 
     over_run = written("c"), written("c", ", normalize=none")
     assert "over the run is {}; where both are as they are, it is {}.".format(*over_run) in page
@@ -634,7 +639,7 @@ def test_what_standardized_inputs_change_between_observations():
 
 def difference_in_words(ours, theirs):
     found = estimate(difference(interquartile_mean), [np.array(ours)], [np.array(theirs)])
-    return f"{found.value:+.0f} [{found.low:+.0f}, {found.high:+.0f}]"
+    return with_interval(found.value, found)
 
 
 def test_the_agents_of_figure_8(ddpg_evaluations):
@@ -654,7 +659,7 @@ def test_the_agents_of_figure_8(ddpg_evaluations):
     assert [found[claim].corrected_by for claim in "ac"] == ["sequential test"] * 2
     assert {row.seeds for row in found.values()} == {5}
     similarity = found["a"]
-    interval = f"{similarity.value:+.0f} [{similarity.low:+.0f}, {similarity.high:+.0f}]"
+    interval = with_interval(similarity.value, similarity)
     assert f"difference of the final returns is {interval}, without" in page
 
 

@@ -81,7 +81,8 @@ def at_common_steps(
     if first > last:
         grid = np.empty(0)
     elif kind == TRAINING:
-        grid = np.linspace(first, last, max(2, *(len(seed.steps) for seed in shared)))
+        most = max(len(seed.steps) for seed in shared)
+        grid = np.linspace(first, last, max(2, most))
     else:
         grid = np.unique(np.concatenate([seed.steps for seed in shared]))
 

@@ -175,7 +175,7 @@ def _chart(
 
 
 def _have_longer_seeds(seeds: pd.DataFrame, curves: pd.DataFrame) -> dict[Any, bool]:
-    """Returns whether a seed goes on clearly after the end of its curve, by `_CURVE`."""
+    """Returns whether a seed of a curve is clearly longer than the curve, by `_CURVE`."""
     ends = curves.groupby(_CURVE, sort=False)["steps"].max()
     last = seeds.groupby(_CURVE, sort=False)["steps"].max().reindex(ends.index)
     return (last > _LONGER * ends).to_dict()

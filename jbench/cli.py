@@ -1,7 +1,6 @@
 """Command-line entry point. Heavy imports are deferred to the command bodies."""
 
 import contextlib
-import itertools
 import os
 import signal
 import sys
@@ -9,8 +8,9 @@ from collections.abc import Sequence
 
 import typer
 
-from jbench import __version__, names
+from jbench import __version__
 from jbench.commands import output
+from jbench.commands.refusals import refusal
 from jbench.commands.verbs import Verb, Verbs
 from jbench.errors import RequestError, WorkError
 
@@ -145,7 +145,7 @@ def _run(arguments: Sequence[str]) -> int:
         return answer if isinstance(answer, int) else 0
 
     except typer.TyperException as error:
-        return _failed(_refusal(error, arguments), 2)
+        return _failed(refusal(error, arguments, _VERBS), 2)
     except (RequestError, WorkError) as error:
         return _failed(str(error), error.exit_code)
 
@@ -171,73 +171,6 @@ def _run(arguments: Sequence[str]) -> int:
                 stream.flush()
             except OSError:  # else Python fails to write the rest when it exits
                 os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
-
-
-_ELSEWHERE = {
-    "encoders": "query 'FROM encoders'",
-    "list": "runs",
-    "ls": "runs",
-    "plot": "report",
-    **{f"train-{kind}": f"train-encoder --kind {kind}" for kind in names.ENCODER_KINDS},
-    "--n-envs": "--environments",
-    "--num-envs": "--environments",
-    "--timesteps": "--steps",
-    "--total-timesteps": "--steps",
-    "--env": "--task",
-    "--lr": "--set learning_rate=VALUE",
-}
-"""Commands and options that users may look for, and what to type instead."""
-
-
-def _refusal(error: typer.TyperException, arguments: Sequence[str]) -> str:
-    """Returns what is wrong with the arguments, and the help that lists the right ones."""
-    message = " ".join(error.format_message().replace("Value error, ", "").split()).rstrip(".")
-    context = getattr(error, "ctx", None)
-    if context is None or context.parent is None:
-        verb = next(iter(arguments), "")
-        if verb in _ELSEWHERE:
-            message = f"No such command '{verb}'; type jbench {_ELSEWHERE[verb]} instead"
-    else:
-        verb = context.info_name
-        option = getattr(error, "option_name", "")
-        name = option.removeprefix("--").replace("-", "_")
-        from jbench.settings.algorithms import SETTINGS
-
-        is_setting = any(name in settings.model_fields for settings in SETTINGS.values())
-        instead = _ELSEWHERE.get(option, f"--set {name}=VALUE" if is_setting else "")
-        if any(instead.partition(" ")[0] in p.opts for p in context.command.params):
-            message = f"No such option: {option}; type {instead} instead"
-        elif "unexpected extra argument" in message and (hint := _set_hint(arguments)):
-            message += f": {hint}"
-        elif verb == "report" and "unexpected extra argument" in message:
-            message += ": type --curves FILE, or --results DIR"
-
-        typed = {word.partition("=")[0] for word in arguments}
-        required = [p.opts for p in context.command.params if p.required and "-" in p.opts[0]]
-        missing = [opts[0] for opts in required if typed.isdisjoint(opts)]
-        if message.startswith("Missing option") and len(missing) > 1:
-            message = f"Missing options {names.in_prose(missing, 'and')}"
-
-    help_ = "jbench --help lists the commands."
-    if verb in _VERBS:
-        help_ = f"jbench {verb} --help lists the options and shows an example."
-
-    return f"{message}{'' if message.endswith('?') else ';'} {help_}"
-
-
-def _set_hint(arguments: Sequence[str]) -> str:
-    """Returns how to type a value after --set that has a space in or before it; or nothing."""
-    for i, word in enumerate(arguments[:-1]):
-        if word != "--set":
-            continue
-        name, equals, value = arguments[i + 1].partition("=")
-        rest = list(itertools.takewhile(lambda word: not word.startswith("-"), arguments[i + 2 :]))
-        if rest and not equals:
-            return f"type --set {name}={' '.join(rest)}"
-        if rest and value.startswith("["):
-            return f"type --set {name}={value}{''.join(rest)}"
-
-    return ""
 
 
 def _failed(sentence: str, exit_code: int) -> int:

@@ -51,6 +51,8 @@ from tests.documentation import ROOT
         (("report",), "jbench train"),
         (("report", "--order", "none"), "'--order': 'none' is not one of 'quantile-first'"),
         (("fly",), "No such command 'fly'"),
+        (("--env", "x"), "No such option: --env; jbench --help"),
+        (("--results", "x", "runs"), "after the command: type jbench runs --results …;"),
         (("train", "--gamma", "1"), "No such option: --gamma; type --set gamma=VALUE instead"),
         (("train", "--n-envs", "2"), "No such option: --n-envs; type --environments instead"),
         (("report", "--gamma", "1"), "No such option: --gamma; jbench report --help"),

@@ -162,12 +162,12 @@ def rename(
         The new names by the old ones.
 
     Raises:
-        RequestError: if there is nothing of such a name.
+        RequestError: if there is nothing of such a name, or two things would have the same one.
     """
     every = list(configurations)
+    known = {config.identity[config.named_by]: config for config in every}
     chosen = dict[str, str]()
     for old, new in names:
-        known = {config.identity[config.named_by]: config for config in every}
         of_kind = [name for name, config in known.items() if config.identity["kind"] == old]
         if old in known:
             chosen[old] = new
@@ -177,6 +177,17 @@ def rename(
         else:
             raise RequestError(
                 f"--names {old}={new}: the report has no {old}; it has {', '.join(known)}."
+            )
+
+    # Curves, rows and cells of one name would be taken for one.
+    shown: dict[str, str] = {}
+    for old in known:
+        new = chosen.get(old, old)
+        other = shown.setdefault(new, old)
+        if other != old:
+            raise RequestError(
+                f"--names: {other} and {old} would both be called {new}; choose another name for "
+                "one of them."
             )
 
     for config in every:

@@ -38,9 +38,10 @@ OF = "of "
 """In place of a checksum of users' code, the beginning of the date of its first record."""
 
 _EXCLUSIVE = (
-    ("compare", "baseline"),
+    ("compare", "baseline", "reference"),
     ("curves", "compare", "baseline", "since", "claims", "reference"),
 )
+"""An option, and those that have no effect beside it."""
 
 
 def setting(typed: str) -> tuple[str, str]:
@@ -82,8 +83,11 @@ def settings_typed(side: str) -> list[str]:
 
 
 def names_typed(typed: Sequence[str]) -> tuple[tuple[str, str], ...]:
-    """Returns the pairs of `--names six-rows=ours`; a RequestError if one is none."""
-    pairs = []
+    """Returns the pairs of `--names six-rows=ours`.
+
+    Raises a RequestError if one is none, or if a name of the report is typed twice.
+    """
+    pairs: dict[str, str] = {}
     for text in typed:
         old, equals, new = (piece.strip() for piece in text.partition("="))
         if not (old and equals and new and new.isprintable()):
@@ -97,9 +101,14 @@ def names_typed(typed: Sequence[str]) -> tuple[tuple[str, str], ...]:
                 f"{text[: -len(match[0])]} --names {match[1]}."
             )
 
-        pairs.append((old, new))
+        if old in pairs:
+            raise RequestError(
+                f"--names {text}: {old} is called {pairs[old]} already; type one name for it."
+            )
 
-    return tuple(pairs)
+        pairs[old] = new
+
+    return tuple(pairs.items())
 
 
 class Request(Settings):

@@ -99,9 +99,22 @@ def test_unknown_column_or_name_is_refused_before_anything_is_written(fabric, ou
     assert "type --names for each name, as in --names dae4=ours --names full=all of it." in (
         capsys.readouterr().err
     )
+    assert report(fabric, out, "--names", "full=a", "--names", "full=b") == 2
+    assert "--names full=b: full is called a already" in capsys.readouterr().err
+    assert report(fabric, out, "--names", "dae=full") == 2
+    assert re.search(
+        "(full and dae4|dae4 and full) would both be called full;", capsys.readouterr().err
+    )
     assert report(fabric, out, "--names", "six") == 2
     assert "such as --names six-rows=ours" in capsys.readouterr().err
     assert not (out / "index.html").exists()
+
+
+def test_two_representations_may_exchange_their_names(fabric):
+    add_runs(fabric, seeds=1)
+    found = Frames(fabric.results, Request(names=(("full", "dae4"), ("dae4", "full"))))
+    finals = found.lead(found.configurations).set_index("representation")["median"]
+    assert finals.to_dict() == {"full": FINALS["dae4"], "dae4": FINALS["full"]}
 
 
 @pytest.mark.parametrize("old", ["dae4", pytest.param("dae", marks=pytest.mark.slow)])

@@ -89,6 +89,7 @@ def test_comparison_is_written_beside_report(filled, capsys):
         (("--window", "0"), "A window of 0 episodes"),
         (("--returns", "all"), "'--returns': 'all' is not one of 'evaluation', 'training'"),
         (("--watch", "--json"), "--watch and --json exclude each other"),
+        (("--compare", "a=1", "a=2", "--reference"), "--reference and --compare exclude each"),
         (("--compare", "engine=sb3", "--json"), "--compare engine=sb3: type two results"),
     ],
 )

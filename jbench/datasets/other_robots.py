@@ -12,6 +12,7 @@ from jbench.datasets.collect_ending import collect_ending
 from jbench.datasets.fixed import Part, Simulate, SimulatedSteps, collect_fixed
 from jbench.datasets.layout import Block, DatasetLayout, flaw, table
 from jbench.datasets.observations import EPISODES, SEEDS, STEPS, observations_schema
+from jbench.errors import RequestError
 from jbench.settings.records import DatasetSettings
 from jbench.store import Record, Results
 from jbench.store.planned import Planned, planned
@@ -46,7 +47,13 @@ class OtherLayout(DatasetLayout):
         return episode_provenance(self.task)
 
     def plan(self, settings: DatasetSettings, results: Results) -> Planned[DatasetSettings]:
-        """Returns settings with the id of a recorded dataset of the same code, if there is one."""
+        """Returns settings with the id of a recorded dataset of the same code, if there is one.
+
+        Raises a RequestError if they are of an augmented robot, which only the Jitterbug has.
+        """
+        if settings.augment is not None:
+            raise RequestError(f"{self.task} has no augmented robots: leave --augment out.")
+
         return planned(settings, results.scan("dataset")[0], self.code(), ("seed", "steps"))
 
     def collect(

@@ -19,6 +19,7 @@ from jbench.encoders.kind import Kind
 from jbench.encoders.registry import kind_names
 from jbench.errors import RequestError
 from jbench.names import closest
+from jbench.policies.find import offered_policies
 from jbench.settings.algorithms import SETTINGS
 from jbench.task_specs import GYM, SUITE, SUITE_TASKS
 from jbench.tasks.find import installed_tasks
@@ -44,6 +45,20 @@ class CheckRequest:
 
 
 def check_code(what: What, request: CheckRequest) -> Iterator[Checked]:
+    """Yields a line for each check.
+
+    Raises a RequestError if settings or a number of latents are given that this kind of code does
+    not have.
+    """
+    if request.settings and what in ("task", "policy"):
+        raise RequestError(f"{request.name} is a {what}, which has no settings: leave --set out.")
+    if request.latents is not None and what != "encoder":
+        raise RequestError(f"{request.name} is no encoder: leave --latent out.")
+
+    return _lines(what, request)
+
+
+def _lines(what: What, request: CheckRequest) -> Iterator[Checked]:
     """Yields a line for each check."""
     with one_thread():
         for name, check in _checks(what, request):
@@ -106,13 +121,14 @@ def _is_factory(found: Callable[..., Any]) -> bool:
 
 
 def _installed(name: str) -> What:
-    """Returns what an installed name is: a task, an agent, a rule or an encoder."""
+    """Returns what an installed name is: a task, an agent, a rule, an encoder or a policy."""
     points = installed()
     by_what: dict[What, list[str]] = {
         "agent": [each for each, point in points.items() if point.group == "jbench.agents"],
         "rule": [each for each, point in points.items() if point.group == "jbench.rules"],
         "encoder": kind_names(),
         "task": list(installed_tasks()),
+        "policy": list(offered_policies()),
     }
     for what, names in by_what.items():
         if name in names:

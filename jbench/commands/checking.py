@@ -33,6 +33,8 @@ def verify(
 
     Files that no manifest lists are reported as well.
     """
+    if accept_changed_code and not reevaluate:
+        raise RequestError("--accept-changed-code is for --reevaluate; type both, or neither.")
     if reevaluate:
         os.environ.update(ONE_THREAD)  # as in training, before libraries are imported
 

@@ -13,7 +13,7 @@ from jbench.errors import RequestError
 from jbench.wording import counted, repair_hint
 
 _OPTIONS = {
-    "onnx": ("RUN", "--inputs", "--format", "--out"),
+    "onnx": ("RUN", "--inputs", "--format", "--out", "--accept-changed-code"),
     "minari": ("--dataset", "--task", "--format", "--out"),
     "croissant": ("--dataset", "--format", "--out"),
     "--curves": ("--task", "--returns"),
@@ -69,8 +69,17 @@ def export(
     Formats: ONNX, Minari, the JSON of HumanoidBench, Croissant.
     """
     what = "--curves" if curves else format or ("minari" if run is None else "onnx")
-    typed = {"RUN": run, "--dataset": dataset, "--task": task, "--format": format}
-    for option, value in {**typed, "--inputs": inputs, "--returns": returns, "--out": out}.items():
+    typed = {
+        "RUN": run,
+        "--dataset": dataset,
+        "--task": task,
+        "--format": format,
+        "--inputs": inputs,
+        "--returns": returns,
+        "--out": out,
+        "--accept-changed-code": accept_changed_code or None,
+    }
+    for option, value in typed.items():
         if value is not None and option not in _OPTIONS[what]:
             has = names.in_prose(_OPTIONS[what], "and")
             raise RequestError(f"{option} is not for {what}, which has {has}; leave it out.")

@@ -49,8 +49,9 @@ def request_runs(
         fields: the other fields of `RunSettings`; `evaluate_every` and `evaluate_episodes` are None
             for the default.
 
-    Raises a RequestError if the encoder is not found or can't be mirrored, a setting is invalid, or
-    the steps are not enough for an episode or can't be divided among the robots.
+    Raises a RequestError if the encoder is not found or can't be mirrored, there is none that each
+    agent could have, a setting is invalid, or the steps are not enough for an episode or can't be
+    divided among the robots.
     """
     algorithm_changes: dict[str, Any] = {}
     feature_changes: dict[str, Any] = {}
@@ -73,6 +74,12 @@ def request_runs(
             draws = find_draws(results, encoder, task, seeds, accept_changed)
             fields["encoder_draws"] = draws.hash
             encoders = draws.ids
+
+    if encoder_seeds == "each" and encoders is None:
+        raise RequestError(
+            f"--encoder-seeds each is for agents with an encoder, not for --encoder {encoder}: "
+            "leave it out."
+        )
 
     fields["time_limit"] = fields.get("time_limit") or default_time_limit(base)
     algorithm = algorithm_fields(algo, engine, base, algorithm_changes, task)

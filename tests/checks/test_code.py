@@ -1,11 +1,15 @@
 """Tests of `jbench check`: the examples of the documentation pass, and each defect is found."""
 
+from importlib.metadata import EntryPoint
+
 import numpy as np
 import pytest
 from torch import nn
 
 import jbench
-from jbench.checks.code import find_what
+from jbench.checks import code
+from jbench.checks.code import CheckRequest, check_code, find_what
+from jbench.errors import RequestError
 from tests.documentation import ROOT, code_of
 
 EXAMPLES = {
@@ -166,3 +170,22 @@ def test_reward_out_of_range_ends_the_checks(modules, states):
 )
 def test_wrong_request_is_refused(refused, typed, message):
     assert message in refused("check", *typed)
+
+
+@pytest.mark.parametrize(
+    ("what", "option", "message"),
+    [
+        ("task", {"settings": {"x": 1}}, "x is a task, which has no settings: leave --set out."),
+        ("policy", {"settings": {"x": 1}}, "x is a policy, which has no settings: leave --set"),
+        ("rule", {"settings": {}, "latents": 3}, "x is no encoder: leave --latent out."),
+    ],
+)
+def test_option_that_a_kind_of_code_lacks_is_refused(what, option, message):
+    with pytest.raises(RequestError, match=message):
+        check_code(what, CheckRequest("x", "face_direction", **option))
+
+
+def test_installed_policy_is_found_by_its_name(monkeypatch):
+    point = EntryPoint("mine", "my_module:policy", "jbench.policies")
+    monkeypatch.setattr(code, "offered_policies", lambda: {"mine": point})
+    assert find_what("mine") == "policy"

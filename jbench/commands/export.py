@@ -117,13 +117,11 @@ def _curves(file: Path, returns: names.ReturnsName, task: str | None, results: P
 
     curves = []
     for config in chosen:
-        values = zip(config.seeds, config.control_steps, config.returns, strict=True)
-        for seed, steps, achieved in values:
+        for seed, (steps, achieved) in zip(config.seeds, config.points, strict=True):
             named = {"task": config.task, "method": config.label, "seed": seed}
             curves.append(pd.DataFrame({**named, "steps": steps, "return": achieved}))
 
-    # A seed has no return after its end, or where it was not finite.
-    points = pd.concat(curves).dropna()
+    points = pd.concat(curves)
     write_atomic(file, to_json(points).encode())
     output.say(
         f"Exported the {returns} returns of {counted(len(curves), 'run')} to {file}: task, method, "

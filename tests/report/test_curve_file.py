@@ -281,6 +281,16 @@ def test_exported_curves_are_those_of_the_runs(fabric, tmp_path, capsys):
     assert curve["million_steps"][:2] == [0.001, 0.002]
 
 
+def test_episodes_that_end_at_one_step_are_exported_as_their_mean(fabric, tmp_path):
+    fabric.run([50.0, 70.0, 90.0, 100.0], ends=[1000, 1000, 2000, 2000])  # of two environments
+    file = tmp_path / "curves.json"
+    typed = ["--curves", str(file), "--returns", "training"]
+    assert main(["export", *typed, "--results", str(fabric.results.path)]) == 0
+    points = read_curves(file, "training").points
+    assert points["steps"].tolist() == [1000, 2000]
+    assert points["return"].tolist() == [60.0, 95.0]
+
+
 @pytest.mark.parametrize(
     ("typed", "says"),
     [

@@ -176,8 +176,8 @@ class Configuration:
         return np.asarray(np.max(np.where(within, points, 0), axis=1), np.int64)
 
     @cached_property
-    def _points(self) -> list[SeedPoints]:
-        """The finite returns of each seed, by control step."""
+    def points(self) -> list[SeedPoints]:
+        """The finite returns of each seed; those at the same control step are one, their mean."""
         finite = np.isfinite(self.returns) & np.isfinite(self.control_steps)
         return [
             distinct(steps[row], values[row])
@@ -186,10 +186,10 @@ class Configuration:
 
     def points_up_to(self, control_steps: float) -> list[SeedPoints]:
         """Returns the finite returns of each seed up to a control step."""
-        ends = [np.searchsorted(steps, control_steps, "right") for steps, _ in self._points]
+        ends = [np.searchsorted(steps, control_steps, "right") for steps, _ in self.points]
         return [
             (steps[:end], returns[:end])
-            for end, (steps, returns) in zip(ends, self._points, strict=True)
+            for end, (steps, returns) in zip(ends, self.points, strict=True)
         ]
 
     @cached_property

@@ -186,6 +186,13 @@ class TestCompare:
         (one,) = Frames(both, Request(compare=(typed, other))).comparisons.to_dict("records")
         assert (one["a"], one["b"], one["difference"]) == (typed, other, -1)
 
+    def test_whole_numbers_are_compared_by_all_their_digits(self, fabric):
+        for size in (1_000_000, 1_000_001):
+            fabric.run(FLAT + size % 10, hyperparameters={"buffer_size": size, "tau": 0.5})
+        compare = ("buffer_size=1e6", "buffer_size=1000001")
+        (one,) = Frames(fabric.results, Request(compare=compare)).comparisons.to_dict("records")
+        assert (one["seeds_a"], one["seeds_b"], one["difference"]) == (1, 1, -1)
+
     def test_list_is_a_setting_although_it_has_commas(self, fabric):
         for layers in ([8, 8], []):
             fabric.run(FLAT + len(layers), hyperparameters={"hidden_layers": layers})

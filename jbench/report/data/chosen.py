@@ -1,6 +1,7 @@
 """The runs that one side of a comparison chooses by its settings."""
 
 import math
+from decimal import Decimal
 
 import numpy as np
 import pandas as pd
@@ -82,8 +83,15 @@ def _have_code(date: str, runs: pd.DataFrame, typed: str) -> BoolArray:
 
 
 def _equal(typed: str, value: str) -> bool:
-    """Returns whether a typed text means a value, such as 1e-4 for 0.0001."""
+    """Returns whether a typed text means a value, such as 1e-4 for 0.0001.
+
+    The value is as `value_text` shows it: a whole number with all its digits, others with six.
+    """
     try:
-        return math.isclose(float(typed), float(value), rel_tol=1e-5)
-    except ValueError:
+        number = Decimal(typed)
+        shown = Decimal(value)
+    except ArithmeticError:
         return typed.replace(" ", "") == value.replace(" ", "")
+
+    are_whole = value.lstrip("-").isdecimal() and number == number.to_integral_value()
+    return number == shown if are_whole else math.isclose(number, shown, rel_tol=1e-5)

@@ -77,11 +77,8 @@ def imported(what: str, name: str) -> Any:
     """
     module_name, _, attribute = name.partition(":")
     find_working_directory()
-    try:
-        exists = importlib.util.find_spec(module_name) is not None
-    except ModuleNotFoundError:  # of a parent package
-        exists = False
-
+    subject = f"The {what} {name} can't be loaded"
+    exists = _attempt(lambda: _is_found(module_name), subject)
     if not exists and module_name.endswith(".py"):
         module_name = module_name.removesuffix(".py")
         raise RequestError(f"{name} has the name of a file; type {module_name}:{attribute}.")
@@ -92,7 +89,6 @@ def imported(what: str, name: str) -> Any:
             "package, or run jbench in the directory that contains the module, or set PYTHONPATH."
         )
 
-    subject = f"The {what} {name} can't be loaded"
     module = _attempt(lambda: importlib.import_module(module_name), subject)
     if not hasattr(module, attribute):
         close = closest(attribute, [public for public in vars(module) if public[0] != "_"])
@@ -102,10 +98,23 @@ def imported(what: str, name: str) -> Any:
     return getattr(module, attribute)
 
 
+def _is_found(module: str) -> bool:
+    """Returns whether there is a module; its parent packages are imported, and may raise any error.
+
+    A package that is missing among them is none of the module's own.
+    """
+    try:
+        return module in sys.modules or importlib.util.find_spec(module) is not None
+    except ModuleNotFoundError as error:
+        if error.name is None or not f"{module}.".startswith(f"{error.name}."):
+            raise
+        return False
+
+
 def is_module(name: str) -> bool:
     """Returns whether a name without dots is that of a module that can be imported."""
     find_working_directory()
-    return name.isidentifier() and importlib.util.find_spec(name) is not None
+    return name.isidentifier() and _is_found(name)
 
 
 def find_working_directory() -> None:

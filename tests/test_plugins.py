@@ -56,3 +56,19 @@ def test_module_in_working_directory_is_imported(tmp_path, monkeypatch):
     loaded = r"x can't be loaded \(ValueError: .*, line 2 of raising\.py\); fix it\.$"
     with pytest.raises(WorkError, match=loaded):
         plugins.imported("number", "raising:x")
+
+
+def test_package_that_raises_is_named_and_not_looked_for(tmp_path, monkeypatch):
+    for package, line in (("raising_package", "1 / 0"), ("lacking_package", "import numppy")):
+        (tmp_path / package).mkdir()
+        (tmp_path / package / "__init__.py").write_text(f"{line}\n")
+        (tmp_path / package / "inside.py").write_text("answer = 42\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    with pytest.raises(WorkError, match=r"can't be loaded \(ZeroDivisionError: .*, line 1 of"):
+        plugins.imported("number", "raising_package.inside:answer")
+    with pytest.raises(WorkError, match=r"No module named 'numppy', line 1 of __init__\.py"):
+        plugins.imported("number", "lacking_package.inside:answer")
+    with pytest.raises(RequestError, match=r"there is no module json\.insides; install its"):
+        plugins.imported("number", "json.insides:answer")
+    assert not plugins.is_module("no_such_module")
+    assert plugins.is_module("__main__")  # which was not found, but run

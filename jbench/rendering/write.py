@@ -24,6 +24,7 @@ SUFFIXES = (".mp4", ".gif", ".png")  # supported file suffixes: video, animation
 _INTERVAL = 0.04  # s between the images of a video or an animation, before rounding to steps
 _MOMENTS = 6  # images in a strip
 _PALETTE_PICTURES = 8  # from which an animation's palette is computed
+_GIF_TICK = 0.01  # s, in which a GIF counts time
 _VIDEO_QUALITY = 8  # out of 10; a minute of 640 x 480 pixels takes about 10 MB
 
 
@@ -112,7 +113,11 @@ def render_to_file(
 
 
 def gif(pictures: Sequence[Picture], seconds: float = _INTERVAL) -> bytes:
-    """Returns a looping animation of images (height, width, 3), some seconds apart."""
+    """Returns a looping animation of images (height, width, 3), some seconds apart.
+
+    A GIF counts time in hundredths of a second: images are shown for different times, if their
+    distance is none, so that the whole animation lasts as long as it should.
+    """
     indices = np.linspace(0, len(pictures) - 1, min(_PALETTE_PICTURES, len(pictures))).astype(int)
     sample = Image.fromarray(np.vstack([pictures[index] for index in indices]))
     palette = sample.quantize(256, method=Image.Quantize.MEDIANCUT)
@@ -121,8 +126,10 @@ def gif(pictures: Sequence[Picture], seconds: float = _INTERVAL) -> bytes:
         Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE)
         for picture in pictures
     ]
+    ends = np.round(np.arange(len(pictures) + 1) * seconds / _GIF_TICK).astype(int)
+    durations = (np.diff(ends) * round(1000 * _GIF_TICK)).tolist()  # ms
     buffer = io.BytesIO()
-    later = {"save_all": True, "append_images": images[1:], "duration": round(1000 * seconds)}
+    later = {"save_all": True, "append_images": images[1:], "duration": durations}
     images[0].save(buffer, "GIF", loop=0, optimize=True, **later)
     return buffer.getvalue()
 

@@ -88,6 +88,20 @@ def test_animation_keeps_colors_of_late_frames():
     assert np.abs(np.asarray(animation.convert("RGB")).astype(int) - green).max() < 8
 
 
+@pytest.mark.parametrize(
+    ("seconds", "shown"),
+    [(0.04, [40, 40, 40, 40]), (0.045, [40, 50, 50, 40]), (0.0375, [40, 40, 30, 40])],
+)
+def test_animation_lasts_as_long_as_its_pictures_are_apart(seconds, shown):
+    pictures = np.random.default_rng(0).integers(0, 256, (4, 20, 30, 3)).astype(np.uint8)
+    animation = Image.open(io.BytesIO(write.gif(pictures, seconds)))
+    found = []
+    for place in range(animation.n_frames):
+        animation.seek(place)
+        found.append(animation.info["duration"])
+    assert found == shown  # ms, of which a GIF counts tens
+
+
 @rendering
 @pytest.mark.parametrize("ending", write.SUFFIXES)
 def test_interrupted_writing_keeps_old_file(tmp_path, ending):

@@ -54,9 +54,10 @@ def read_curves(path: Path, returns: ReturnsName = "evaluation") -> tables.Curve
         parts.append(_from_events(of_tensorboard, returns))
 
     points = pd.concat([part.points for part in parts], ignore_index=True)
-    if "wall_time" in points:  # of the files of several environments of a run
+    if "wall_time" in points:  # of Monitors, of which a run has one for each of its environments
         points = points.sort_values("wall_time", kind="stable", ignore_index=True)
-        points["steps"] = points.groupby(_RUN)["length"].cumsum()
+        counted_steps = points.groupby(_RUN)["length"].cumsum()
+        points["steps"] = counted_steps.fillna(points["steps"])
     points = points[_COLUMNS]
     notes = list(dict.fromkeys(note for part in parts for note in part.notes))
     return tables.CurveFile(_checked(points, path), notes)

@@ -453,6 +453,15 @@ def test_folder_with_a_file_for_each_task_is_one_set(tmp_path):
     assert "walk.csv has no column with the task; it is called walk, as the file." in file.notes
 
 
+def test_folder_may_have_files_of_monitors_beside_others(tmp_path):
+    written(tmp_path / "a.csv", "method,task,seed,steps,return\nA,t,0,1000,5\nA,t,0,2000,6\n")
+    head = '#{"t_start": 1.0, "env_id": "hopper"}'
+    written(tmp_path / "b.csv", f"{head}\nr,l,t\n1.0,10,0.1\n2.0,10,0.2\n")
+    points = read_curves(tmp_path, "training").points
+    assert points["task"].tolist() == ["hopper", "hopper", "t", "t"]
+    assert points["steps"].tolist() == [10, 20, 1000, 2000]
+
+
 def test_return_that_is_not_shown_is_named(tmp_path):
     text = "method,task,seed,steps,episodic_return,score\nA,t,0,1,5,6\n"
     file = read_curves(written(tmp_path / "c.csv", text))

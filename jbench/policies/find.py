@@ -166,6 +166,8 @@ def full_name(results: Results, name: str) -> FullName:
         prefix = SHIPPED if name.startswith(SHIPPED) else ""
         return FullName(f"{prefix}{run.id}", None if record is None else read_run(record.settings))
 
+    if name == _CONSTANT.rstrip(":"):
+        raise RequestError("constant is a command in [-1, 1]; type constant:0.5, for example.")
     if name.startswith(_CONSTANT):
         _constant(name)
     elif not (name in (HEURISTIC, "random") or is_sb3_zip(name) or is_imported_policy(name)):

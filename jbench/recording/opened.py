@@ -189,10 +189,8 @@ def _with_representation(source: sources.Source, typed: str) -> sources.Source:
     known = sorted({str(name) for name in source.runs["representation"]})
     meant = representations_meant(typed, known)
     if not meant:
-        raise NothingYetError(
-            f"There are no runs with the representation {typed!r}; there are "
-            f"{in_prose(known, 'and')}."
-        )
+        others = f"; there are {in_prose(known, 'and')}" if known else ""
+        raise NothingYetError(f"There are no runs with the representation {typed!r}{others}.")
 
     configurations = [c for c in source.configurations if c.representation in meant]
     runs = source.runs[source.runs["representation"].isin(meant)]

@@ -141,7 +141,7 @@ def _package_provenance(package: str) -> dict[str, str | None]:
     """Returns the version of a distribution; a RequestError if it is not installed."""
     try:
         return plugins.made_with(package)
-    except importlib.metadata.PackageNotFoundError:
+    except (importlib.metadata.PackageNotFoundError, ValueError):  # ValueError of an empty name
         raise RequestError(f"package={package!r} is not an installed distribution.") from None
 
 

@@ -93,6 +93,7 @@ def test_command_records_evaluation_in_database(tmp_path, capsys):
         (["fly"], "Unknown policy 'fly'; choose heuristic, random, constant:U"),
         (["hueristic"], "Unknown policy 'hueristic'; did you mean heuristic? Choose"),
         ([""], "Unknown policy ''; choose heuristic, random, constant:U"),
+        (["constant"], "constant is a command in [-1, 1]; type constant:0.5"),
         (["constant:2"], "lies in [-1, 1]"),
         (["constant:+0.5"], "lies in [-1, 1]; type constant:0.5"),
         (["constant:0_1"], "lies in [-1, 1]; type constant:0.5"),

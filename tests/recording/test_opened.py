@@ -70,6 +70,13 @@ def test_missing_representation_is_refused_with_those_that_there_are(shipped):
     assert by_two_names[0] == by_two_names[1] > 0
 
 
+def test_representation_of_results_without_runs_is_refused(tmp_path):
+    opened = jbench.open(tmp_path)
+    assert opened.runs().empty
+    with pytest.raises(RequestError, match=r"no runs with the representation 'planar'\.$"):
+        opened.curves(representation="planar")
+
+
 def test_curves_name_the_settings_that_differ(shipped):
     curves = shipped.curves(task="face_direction", algo="td3")
     full = curves[curves["representation"] == "full"]

@@ -420,6 +420,7 @@ def test_saved_layers_equal_torch():
         ({"hyperparameters": {"seed": 4}}, "hyperparameters['seed'] is 4, but seed=7"),
         ({"hyperparameters": {"f": print}}, "hyperparameters['f'] is <built-in function print>"),
         ({"package": "no-such-package"}, "package='no-such-package' is not an installed"),
+        ({"package": ""}, "package='' is not an installed distribution."),
     ],
 )
 def test_invalid_arguments_are_refused(changes, message, tmp_path):

@@ -29,16 +29,17 @@ def decide(
     matrix: str,
     parts: Parts,
     cells: Sequence[Cell],
-    claims: Sequence[str],
+    typed: Sequence[str],
     results: Results,
     max_seeds: int,
     train: Callable[[Sequence[Cell]], object] | None,
 ) -> tuple[dict[str, Any], int]:
-    """Adds seeds until the claims are decided; if `train` is None, shows the runs needed next.
+    """Adds seeds until comparisons are decided; if `train` is None, shows the runs needed next.
 
-    Returns the JSON document, and the number of runs that the last analysis lacked.
+    `typed` are the comparisons that a user asks for, none for all; see `study.chosen`. Returns the
+    JSON document, and the number of runs that the last analysis lacked.
     """
-    chosen = deciding.comparisons(parts, read_entries(matrix), claims, max_seeds)
+    chosen = deciding.comparisons(parts, read_entries(matrix), typed, max_seeds)
     shares = [comparison.share for comparison in chosen]
     most = max(comparison.max_seeds for comparison in chosen)
     rates = dict.fromkeys(f"{share:.2%}" for share in (min(shares), max(shares)))

@@ -25,7 +25,7 @@ def sweep(
         help=f"Matrix of runs: {', '.join(names.SWEEPS)}, or a FILE.toml.",
         autocompletion=lambda: names.SWEEPS,
     ),
-    claims: list[str] = Argument(
+    comparisons: list[str] = Argument(
         None,
         metavar="COMPARISON",
         help="With --until-decided: what to decide, such as dae12/full, or dae12 for all its "
@@ -96,7 +96,7 @@ def sweep(
     from jbench.sweeps.executors import Local, default_jobs
 
     database = parsing.results_to_write(results)
-    _check_seeds(until_decided, seeds, only, claims, max_seeds)
+    _check_seeds(until_decided, seeds, only, comparisons, max_seeds)
     limit = names.MAX_SEEDS if max_seeds is None else max_seeds
     typed = None if seeds is None else parsing.seeds(seeds)
     wanted = seeds_to_compare(matrix, limit) if until_decided else typed
@@ -123,7 +123,8 @@ def sweep(
     check_runs([cell.runs[0] for cell in cells], keep, measured)
     if until_decided:
         more = None if dry_run else train
-        document, count = decide(matrix, parts, cells, claims or [], database, limit, more)
+        asked = comparisons or []
+        document, count = decide(matrix, parts, cells, asked, database, limit, more)
     else:
         failures = {} if dry_run else train(cells)
         count = len(all_runs(cells))
@@ -153,7 +154,7 @@ def _check_seeds(
     until_decided: bool,
     seeds: str | None,
     only: str | None,
-    claims: list[str] | None,
+    comparisons: list[str] | None,
     max_seeds: int | None,
 ) -> None:
     """Raises a RequestError for options that do not go with `--until-decided`, or not without."""
@@ -161,7 +162,7 @@ def _check_seeds(
         raise RequestError("--until-decided chooses the seeds; type --max-seeds, not --seeds.")
     if until_decided and only is not None:
         raise RequestError("--until-decided decides whole comparisons; name them, without --only.")
-    if not until_decided and (claims or max_seeds is not None):
+    if not until_decided and (comparisons or max_seeds is not None):
         raise RequestError("COMPARISON and --max-seeds are for --until-decided.")
 
 

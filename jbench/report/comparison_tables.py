@@ -1,6 +1,7 @@
 """Tables of what was compared: verdicts, planned decisions, two sides or methods, and claims."""
 
-from jbench.report.analysis.claims import paper_claims
+from jbench.report.analysis.claim_frame import paper_claims
+from jbench.report.analysis.findings import SIMILAR
 from jbench.report.frames import Frames
 from jbench.report.numbers import ratio, signed, steps
 from jbench.report.table import (
@@ -18,8 +19,10 @@ from jbench.report.table import (
 )
 from jbench.statistics.bootstrap import DECIDING_SEEDS
 from jbench.studies.deciding import MARGIN, margin
+from jbench.studies.quantities import QUANTITIES
 
-COMPARED = {"a": "final return", "b": "variability", "c": "speed"}  # by a verdict's claim
+_OF = Column("of", "claim", lambda row: QUANTITIES[row["claim"]].title)
+"""What a verdict is on."""
 
 
 def verdicts_table(frames: Frames) -> Table:
@@ -30,7 +33,7 @@ def verdicts_table(frames: Frames) -> Table:
         ALGO,
         OBSERVED,
         plain("against"),
-        Column("of", "claim", lambda row: COMPARED[row["claim"]]),
+        _OF,
         Column("verdict", "verdict", "{0[mark]} {0[text]}".format),
         number("difference", "value", signed, ("low", "high")),
         SEEDS,
@@ -59,7 +62,7 @@ def decisions_table(frames: Frames) -> Table:
         ALGO,
         OBSERVED,
         Column("against", "against", against),
-        Column("of", "claim", lambda row: COMPARED[row["claim"]]),
+        _OF,
         plain("verdict"),
         SEEDS,
         number("difference", "difference", signed, ("low", "high")),
@@ -116,6 +119,6 @@ def claims_table(frames: Frames) -> Table:
     ]
     claims = paper_claims().itertuples()
     tests = " ".join(f"({letter}) {text} {test}" for letter, text, test in claims)
-    caption = f"{tests} In brackets: 95% interval, 90% for (a)."
+    caption = f"{tests} In brackets: 95% interval, 90% for ({SIMILAR})."
     spare = ("remark", "by episodes alone", "seeds that would decide")
     return Table("claims", "The paper's claims", caption, frames.claims, columns, spare)

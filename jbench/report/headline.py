@@ -9,6 +9,7 @@ from jbench.names import FULL, in_prose
 from jbench.report.data.source_names import FILE
 from jbench.report.numbers import steps, whole
 from jbench.statistics.bootstrap import DECIDING_SEEDS
+from jbench.studies.quantities import FINAL_RETURN, SPEED
 
 _OUTCOMES = {
     "higher": "reach higher final returns",
@@ -82,8 +83,8 @@ def _on_sides(comparisons: pd.DataFrame, equally_long: bool) -> str:
 
     after = ""
     if not equally_long:
-        ends = sorted({*comparisons["steps"]})
-        shown = [steps(end) for end in ends[:1] + ends[1:][-1:]]
+        ends = comparisons["steps"]
+        shown = dict.fromkeys((steps(ends.min()), steps(ends.max())))
         after = f" after {' to '.join(shown)} control steps"
 
     return f"The final return with {first}, compared with {other}, is {answer}{after}."
@@ -149,7 +150,8 @@ def _outcome(rows: pd.DataFrame) -> tuple[str, list[str]]:
 
     It is undecided if algorithms disagree. Those count of which all variants agree.
     """
-    final, speed = (_agreed(rows[rows["claim"] == claim]) for claim in ("a", "c"))
+    final = _agreed(rows[rows["claim"] == FINAL_RETURN.claim])
+    speed = _agreed(rows[rows["claim"] == SPEED.claim])
     for decided in (final, speed):
         words = {*decided.values()} - {"undecided"}
         if len(words) == 1 and words != {"similar"}:

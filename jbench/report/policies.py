@@ -12,7 +12,7 @@ import pandas as pd
 from jbench.errors import WorkError
 from jbench.names import HEURISTIC, REFERENCE, TASKS, is_reference
 from jbench.report.analysis.claims import examine_solving
-from jbench.report.analysis.findings import Finding
+from jbench.report.analysis.findings import SOLVED_BY_HAND, Finding
 from jbench.report.data.configuration import Configuration, in_order
 from jbench.report.data.points import Part, long_frame
 from jbench.settings.records import CODE
@@ -91,20 +91,21 @@ def without_baseline(shown: RecordedSpecs, tables: Mapping[str, pd.DataFrame]) -
 def findings(
     tables: Mapping[str, pd.DataFrame], task: str | None, results: Path
 ) -> tuple[list[Finding], list[str]]:
-    """Returns findings on claim (h), and what to type for tasks whose policy was not evaluated."""
+    """Returns findings on hand-written policies, and what to type for those not evaluated."""
     returns = hand_written_returns(tables)
     tasks = in_order(returns if task is None else {task} & returns.keys())
-    rows = [examine_solving("h", name, returns[name]) for name in tasks]
+    rows = [examine_solving(SOLVED_BY_HAND, name, returns[name]) for name in tasks]
     missing = [name for name in (TASKS if task is None else (task,)) if name not in returns]
     if not missing:
         return rows, []
-    return rows, [
-        f"Claim (h) is not tested on {', '.join(missing)}: {_how_to_test(missing, results)}."
-    ]
+
+    tasks_left = ", ".join(missing)
+    how = _how_to_test(missing, results)
+    return rows, [f"Claim ({SOLVED_BY_HAND}) is not tested on {tasks_left}: {how}."]
 
 
 def _how_to_test(missing: Sequence[str], results: Path) -> str:
-    """Returns what to type so that claim (h) is tested on these tasks."""
+    """Returns what to type so that the hand-written policies of these tasks are evaluated."""
     evaluate = f"jbench evaluate {HEURISTIC} --task {missing[0]}"
     others = ", and the same for the other tasks" if len(missing) > 1 else ""
     if is_reference(results):  # nothing is written there

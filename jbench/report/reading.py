@@ -8,7 +8,8 @@ from jbench.errors import NothingYetError, RequestError, WorkError
 from jbench.names import RETURNS
 from jbench.report import policies
 from jbench.report.analysis import compare
-from jbench.report.analysis.claims import claim_frame, examine, published_findings
+from jbench.report.analysis.claim_frame import claim_frame, published_findings
+from jbench.report.analysis.claims import examine
 from jbench.report.analysis.decisions import StudyComparison
 from jbench.report.analysis.findings import Finding
 from jbench.report.analysis.scores import Pair

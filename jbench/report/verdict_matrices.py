@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jbench.report.comparison_tables import COMPARED
 from jbench.report.data.source_names import OWN
 from jbench.report.frames import Frames
 from jbench.report.numbers import signed, texts
 from jbench.report.once import once
 from jbench.statistics.bootstrap import DECIDING_SEEDS
 from jbench.studies.deciding import margin
+from jbench.studies.quantities import FINAL_RETURN, QUANTITIES
 
 _STATES = {"✓": "for", "✗": "against"}
 
@@ -144,7 +144,8 @@ def _verdict_matrix(
     verdicts: pd.DataFrame, baselines: Sequence[str], scales: "pd.Series[float]"
 ) -> VerdictMatrix:
     """Returns the verdicts against some baselines; `scales` are widths of axes by claim."""
-    claims = {claim: title for claim, title in COMPARED.items() if claim in {*verdicts["claim"]}}
+    judged = {*verdicts["claim"]}
+    claims = {claim: each.title for claim, each in QUANTITIES.items() if claim in judged}
     groups: dict[str, list[VerdictRow]] = {}
     for _, group in verdicts.groupby("configuration", sort=False):
         cells = {
@@ -170,7 +171,7 @@ def _cell(row: Mapping[Any, Any], reach: float) -> VerdictCell:
     def at(value: float) -> float:
         return round(60 + 56 * float(np.nan_to_num(np.clip(value / (reach or 1), -1, 1))), 1)
 
-    similar = margin(row["task"])
+    similar = margin(row["task"]) if row["claim"] == FINAL_RETURN.claim else 0.0
     ends = [row["low"], row["high"]]
     difference, interval = texts(signed, row["value"], ends if np.isfinite(ends).all() else [])
 
@@ -194,5 +195,5 @@ def _cell(row: Mapping[Any, Any], reach: float) -> VerdictCell:
         high=at(row["high"]),
         corrected_low=at(row["corrected_low"]),
         corrected_high=at(row["corrected_high"]),
-        margin=(at(-similar), at(similar)) if row["claim"] == "a" and similar else None,
+        margin=(at(-similar), at(similar)) if similar else None,
     )

@@ -13,19 +13,12 @@ from jbench.statistics import FloatArray, step_down
 from jbench.statistics.sequential import BLOCK, Verdict
 from jbench.statistics.step_down import Decision
 from jbench.studies.arms import Arm
+from jbench.studies.quantities import QUANTITIES
 from jbench.task_specs import return_range
 
 MARGIN = 50.0
 """Difference in final return within which two configurations are similar: 5% of the largest
 possible return of an episode. See `margin`."""
-
-WORDS = {
-    "a": ("higher", "lower"),
-    "b": ("more variable", "less variable"),
-    "c": ("faster", "slower"),
-}
-"""Words for a larger and a smaller number, by claim: (a) final return, (b) variability of agents,
-(c) mean return over the run."""
 
 Returns = Mapping[int, float | None]
 """Returns of finished runs by seed; None if a run has no finite return."""
@@ -83,7 +76,12 @@ def _first_seeds(returns: Returns, most: int) -> FloatArray:
 
 
 def decided_word(verdict: Verdict, claim: str) -> str:
-    """Returns the word for a verdict on a claim: that of `WORDS`, similar, or undecided."""
-    larger, smaller = WORDS[claim]
-    words = {"larger": larger, "smaller": smaller, "equal": "similar"}
-    return words.get(verdict, verdict)
+    """Returns the word for a verdict on the quantity of a claim; see `QUANTITIES`."""
+    quantity = QUANTITIES[claim]
+    words: dict[Verdict, str] = {
+        "larger": quantity.larger,
+        "smaller": quantity.smaller,
+        "equal": "similar",
+        "undecided": "undecided",
+    }
+    return words[verdict]

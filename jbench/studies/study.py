@@ -15,6 +15,7 @@ from jbench.statistics.sequential import BLOCK, ERROR_RATE
 from jbench.studies.arms import Arm, arms, short_name
 from jbench.studies.file import named, read_file, tables
 from jbench.studies.matrix import COMPARISON, Parts, encoder_seed
+from jbench.studies.quantities import SPEED
 
 SCALED = "scaled"
 RAW = "raw"  # the observation in SI units
@@ -23,7 +24,7 @@ BASELINES = (FULL, SCALED)
 """Representations that reduce nothing, without and with the encoders' scaling of inputs."""
 
 Claim = Literal["a", "c"]
-"""What is compared: the final return (a), or the mean return over the run (c)."""
+"""What is compared: `FINAL_RETURN` (a) or `SPEED` (c), by the letters of their claims."""
 
 _Count = Annotated[Count, BeforeValidator(whole)]
 
@@ -90,7 +91,7 @@ class PlannedComparison:
         """Name in tables."""
         ours, theirs = self.labels
         name = f"{self.first.task} {self.first.algo} {ours} against {theirs}"
-        over_run = "" if self.claim == "a" else "over the run"
+        over_run = "over the run" if self.claim == SPEED.claim else ""
         return ", ".join(filter(None, (name, self.common, over_run)))
 
     @property

@@ -15,6 +15,7 @@ from jbench.store import Record, Results
 from jbench.store.evaluations import added_returns, evaluation_returns
 from jbench.studies.deciding import Returns, decide
 from jbench.studies.matrix import Parts
+from jbench.studies.quantities import SPEED
 from jbench.studies.study import (
     Claim,
     Entry,
@@ -73,7 +74,7 @@ def comparisons(
 def compared_return(
     record: Record, claim: Claim = "a", added: Sequence[FloatArray] = ()
 ) -> float | None:
-    """Returns the final return of a run (a), or its mean return over the run (c).
+    """Returns the number of a run that a claim compares: its final return, or its mean return.
 
     They are of its evaluations, the last of which added returns join; without any, of its training
     episodes. None if no return is finite. Raises a WorkError if the rows can't be read.
@@ -83,7 +84,7 @@ def compared_return(
     if not len(points):
         kind = "training"
         points = record.read("episodes")["episode_return"].to_numpy()
-    return mean_over_run(points) if claim == "c" else final_return(points, kind)
+    return mean_over_run(points) if claim == SPEED.claim else final_return(points, kind)
 
 
 def outcomes(

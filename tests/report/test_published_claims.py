@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jbench.report.analysis.claims import published_findings
+from jbench.report.analysis.claim_frame import published_findings
 from jbench.report.data.curves import PUBLISHED_KEY
 
 

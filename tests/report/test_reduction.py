@@ -14,6 +14,7 @@ from jbench.report.frames import Frames
 from jbench.settings.algorithms import algorithm_settings
 from jbench.statistics.bootstrap import Estimate
 from jbench.statistics.step_down import corrected_level
+from jbench.studies.quantities import FINAL_RETURN
 
 CLOSE = np.linspace(-10, 10, 8)
 FINALS = {
@@ -139,7 +140,7 @@ def test_similar_comparison_passes_nothing_on():
             return value - half, value + half
 
         estimate = Estimate(value, *interval(0.95))
-        return Comparison("a", {}, estimate, interval, decidable=True, margin=30)
+        return Comparison(FINAL_RETURN, {}, estimate, interval, decidable=True, margin=30)
 
     value = 10 * scipy.stats.norm.isf(0.03 / 2)
     family = [compared(0.0), compared(60 + value), compared(value)]

@@ -5,49 +5,38 @@ would refute it and the margin are the same for our runs, for the published curv
 kinds of return.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import replace
-from importlib import resources
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import product
-from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from jbench.names import FULL, REPRESENTATION, kind_in
 from jbench.report.analysis.baselines import with_baselines
 from jbench.report.analysis.decisions import StudyComparison
-from jbench.report.analysis.findings import Decided, Finding, decide, decide_solved
+from jbench.report.analysis.findings import (
+    FASTER,
+    GAINS_MORE,
+    OFF_POLICY_HIGHER,
+    OFF_POLICY_VARIES_MORE,
+    SIMILAR,
+    SOLVED,
+    VARIES_LESS,
+    Decided,
+    Finding,
+    decide,
+    decide_solved,
+)
 from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, seed_scores
 from jbench.report.data.configuration import Configuration, differing_in
 from jbench.report.data.scores import Scores
-from jbench.report.numbers import ratio, signed, steps, whole, with_interval
+from jbench.report.numbers import signed, steps, with_interval
 from jbench.settings.algorithms import display_name
 from jbench.settings.recorded import comparable
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
 from jbench.studies.deciding import MARGIN, margin
 from jbench.studies.study import RAW
-
-COLUMNS = [
-    "claim",
-    "statement",
-    "test",
-    "source",
-    "returns",
-    "compared",
-    "seeds",
-    "steps",
-    "effect",
-    "low",
-    "high",
-    "by_episodes",
-    "verdict",
-    "seeds_needed",
-    "seeds_needed_by",
-    "remark",
-    "text",
-]
 
 _OFF_POLICY = ("ddpg", "sac", "td3")
 _ON_POLICY = "ppo"
@@ -56,73 +45,38 @@ _EASIER = "face_direction"  # that of Figure 7
 # Median return of random actions in 100 episodes (`jbench evaluate random`).
 _RANDOM_RETURNS = {_EASIER: 220.0, _HARDER: 303.0}
 
-_STATISTICS = {
-    "a": (IQM_DIFFERENCE, "final"),
-    "b": (st.ratio(st.standard_deviation), "final"),
-    "c": (IQM_DIFFERENCE, "area"),
-    "e": (st.difference(st.median), "final"),
-    "f": (st.ratio(st.standard_deviation), "final"),
+
+@dataclass(frozen=True)
+class _PairTest:
+    """How a claim on two configurations is tested.
+
+    Attributes:
+        statistic: of the scores of both.
+        scores: which ones, `final` or `area`; see `Scores`.
+        is_ratio: whether the statistic is a ratio, in place of a difference.
+    """
+
+    statistic: st.Statistic
+    scores: str
+    is_ratio: bool = False
+
+
+_RATIO_OF_DEVIATIONS = _PairTest(st.ratio(st.standard_deviation), "final", is_ratio=True)
+
+_PAIR_TESTS = {
+    SIMILAR: _PairTest(IQM_DIFFERENCE, "final"),
+    VARIES_LESS: _RATIO_OF_DEVIATIONS,
+    FASTER: _PairTest(IQM_DIFFERENCE, "area"),
+    OFF_POLICY_HIGHER: _PairTest(st.difference(st.median), "final"),
+    OFF_POLICY_VARIES_MORE: _RATIO_OF_DEVIATIONS,
 }
-"""Of each claim on two configurations, and the scores of which it is."""
-
-_RATIOS = ("b", "f")
-"""Claims whose effect is a ratio."""
-
-_FORMS: dict[str, Callable[[float], str]] = {"b": ratio, "f": ratio, "g": whole, "h": whole}
-"""How effects read in texts; those of other claims are differences."""
-
-
-def paper_claims() -> pd.DataFrame:
-    """Returns the statement and the test of each claim, with its letter as index."""
-    file = resources.files("jbench.paper").joinpath("claims.csv")
-    return pd.read_csv(str(file), index_col="claim")
-
-
-def claim_frame(
-    findings: Iterable[Finding] = (), published: Iterable[dict[Any, Any]] = ()
-) -> pd.DataFrame:
-    """Returns a row per comparison that tests a claim of the paper, in the order of the claims.
-
-    Published findings are rows of `published_findings`.
-    """
-    claims = paper_claims()
-    usual = {"by_episodes": np.nan, "seeds_needed": None, "seeds_needed_by": "", "remark": ""}
-    rows = [finding.row() for finding in findings] + [usual | row for row in published]
-    rows = [claims.loc[row["claim"]].to_dict() | row for row in rows]
-    for row in rows:
-        row["text"] = _text(row)
-    rows.sort(key=lambda row: str(row["claim"]))
-    return pd.DataFrame(rows, columns=COLUMNS).astype({"steps": "Int64", "seeds_needed": "Int64"})
-
-
-def _text(row: dict[str, Any]) -> str:
-    """Returns a finding as the table shows it: the verdict, the effect and its interval."""
-    form = _FORMS.get(row["claim"], signed)
-    value = row["effect"]
-    ends = (row["low"], row["high"])
-    known_ends = ends if np.isfinite(ends).all() else ()
-    known = "unknown" if np.isnan(value) else with_interval(form, value, known_ends)
-    return f"{row['verdict']}: {known}"
-
-
-def published_findings(task: str | None, algo: str | None) -> list[dict[Any, Any]]:
-    """Returns the findings on the paper's curves of a task and an algorithm; None: of all.
-
-    With ten seeds, the band from the 10th to the 90th percentile is an interval of the median
-    (`docs/claims.md`); the uncertainty of a band's width is unknown. Returns at the end of training
-    are compared; for (c) and (d), the mean of the median over training.
-    """
-    file = resources.files("jbench.paper").joinpath("published_claims.csv")
-    rows = pd.read_csv(str(file), keep_default_na=False, na_values={"low": "", "high": ""})
-    for name, value in (("task", task), ("algo", algo)):
-        rows = rows if value is None else rows[rows[name] == value]
-    return rows.to_dict("records")
+"""By claim."""
 
 
 def examine(
     configurations: Sequence[Configuration], planned: Sequence[Sequence[StudyComparison]] = ()
 ) -> Iterator[Finding]:
-    """Yields findings on the claims (a) to (g), from configurations of one kind of return.
+    """Yields findings on all claims on agents, from configurations of one kind of return.
 
     Two of them are compared if they have the same source, use the plain robot, and differ only in
     what the claim is about. The full observation is that of the task (`full`), or as a study names
@@ -136,7 +90,7 @@ def examine(
         and kind_in(pair.theirs.representation) in (FULL, RAW)
     ]
     for pair in reduced:
-        for claim in "abc":
+        for claim in (SIMILAR, VARIES_LESS, FASTER):
             yield _on_pair(claim, pair, kind_in(pair.theirs.representation))
 
     for harder, easier in product(reduced, repeat=2):
@@ -149,19 +103,19 @@ def examine(
             named = other.algo in _OFF_POLICY and ppo.algo == _ON_POLICY
             # Two variants are compared only with the first one of the other algorithm.
             if named and (other is firsts[other.algo] or ppo is firsts[ppo.algo]):
-                for claim in "ef":
+                for claim in (OFF_POLICY_HIGHER, OFF_POLICY_VARIES_MORE):
                     yield _on_pair(claim, Pair(other, ppo), display_name(_ON_POLICY))
 
     for config in plain:
         if config.has_solved_return:
             final = seed_scores(config, int(config.last_step)).final
             returns, source, at, remark = _common(config)
-            finding = examine_solving("g", config.name, final)
+            finding = examine_solving(SOLVED, config.name, final)
             yield replace(finding, returns=returns, source=source, steps=at, remark=remark)
 
 
 def examine_solving(claim: str, compared: str, returns: FloatArray) -> Finding:
-    """Returns the finding on (g) from final returns (seeds,), or on (h) from those of episodes."""
+    """Returns the finding on a solved task, from final returns (seeds,) or those of episodes."""
     effect = st.estimate(st.median, [returns])
     count = len(returns)
     return Finding(claim, compared, effect, count, decide_solved(effect, count))
@@ -181,7 +135,7 @@ def _is_reduced(representation: str) -> bool:
 
 
 def _differ_in_task(harder: Pair, easier: Pair) -> bool:
-    """Returns whether two pairs of the tasks of (d) have the same settings and the same design.
+    """Returns whether two pairs of the harder and the easier task have equal settings and design.
 
     The features of the observation follow from the task; a design is one encoder for all agents,
     or one for each.
@@ -210,18 +164,20 @@ def _common(*compared: Configuration) -> tuple[str, str, int, str]:
 
 def _on_pair(claim: str, pair: Pair, baseline: str) -> Finding:
     """Tests a claim on the returns of a reduced representation and of its baseline."""
-    is_ratio = claim in _RATIOS
-    sample = pair.sample(*_STATISTICS[claim])
+    test = _PAIR_TESTS[claim]
+    sample = pair.sample(test.statistic, test.scores)
     contradicting = sample.estimate()
     supporting = contradicting
-    low = 1.0 if is_ratio else 0.0
+    low = 1.0 if test.is_ratio else 0.0
     high = np.inf
-    if claim == "a":  # two one-sided tests at 5%
+    if claim == SIMILAR:  # two one-sided tests at 5%
         supporting = sample.estimate(0.9)
         high = margin(pair.ours.task)
         low = -high
 
-    decided = decide(supporting, pair.seeds, low, high, outer=contradicting, logarithmic=is_ratio)
+    decided = decide(
+        supporting, pair.seeds, low, high, outer=contradicting, logarithmic=test.is_ratio
+    )
     returns, source, at, remark = _common(*pair.sides)
     finding = Finding(
         claim=claim,
@@ -234,13 +190,13 @@ def _on_pair(claim: str, pair: Pair, baseline: str) -> Finding:
         steps=at,
         remark=remark,
     )
-    return _without_episodes(finding, pair) if is_ratio else finding
+    return _without_episodes(finding, pair) if test.is_ratio else finding
 
 
 def _without_episodes(finding: Finding, pair: Pair) -> Finding:
     """Returns a finding on a ratio, undecided if the variation of episodes may explain it.
 
-    Claim (b) is that the first agents vary less, (f) that they vary more.
+    The effect is how much more the first agents vary; a claim may be that they vary less.
     """
     decided = finding.decided
     remark = finding.remark
@@ -251,7 +207,7 @@ def _without_episodes(finding: Finding, pair: Pair) -> Finding:
         decided = replace(decided, verdict="undecided")
         remark = "; ".join(filter(None, (reason, remark)))
 
-    if finding.claim == "b":
+    if finding.claim == VARIES_LESS:
         opposite = {"supported": "contradicted", "contradicted": "supported"}
         decided = replace(decided, verdict=opposite.get(decided.verdict, decided.verdict))
 
@@ -274,7 +230,7 @@ def _on_gain(harder: Pair, easier: Pair) -> Finding:
     *_, other = _common(*easier.sides)
 
     return Finding(
-        claim="d",
+        claim=GAINS_MORE,
         compared=f"{words}: {_HARDER} against {_EASIER}",
         effect=effect,
         seeds=seeds,
@@ -287,7 +243,7 @@ def _on_gain(harder: Pair, easier: Pair) -> Finding:
 
 
 def _no_gain_to_compare(scores: Sequence[Scores]) -> str:
-    """Returns why gains test nothing on claim (d); else an empty text.
+    """Returns why gains on two tasks test nothing; else an empty text.
 
     Scores are of the harder task's reduced order and full observation, then of the easier task's.
     """

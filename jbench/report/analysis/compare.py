@@ -16,7 +16,8 @@ from jbench.settings.recorded import comparable
 from jbench.settings.variants import variant_labels
 from jbench.statistics import bootstrap as st
 from jbench.statistics.step_down import corrected_level
-from jbench.studies.deciding import WORDS, margin
+from jbench.studies.deciding import margin
+from jbench.studies.quantities import FINAL_RETURN
 
 PAIRS = ["task", "returns", "a", "b", "a_label", "b_label", "p", "low", "high", "decided", "steps"]
 COMPARISONS = [
@@ -70,7 +71,7 @@ def comparison_frame(groups: Sequence[Sequence[Pair]]) -> pd.DataFrame:
         rows += [comparison.row() for comparison in family]
 
     for row in rows:
-        if row["verdict"] in WORDS["a"]:
+        if row["verdict"] in FINAL_RETURN.directions:
             row["text"] = f"{row['a']} {row['text']}"
 
     return pd.DataFrame(rows, columns=COMPARISONS)
@@ -100,7 +101,7 @@ def _compared(pairs: Sequence[Pair], known: Mapping[str, Range]) -> Comparison:
 
     difference = samples[IQM_DIFFERENCE]
     return Comparison(
-        "a",
+        FINAL_RETURN,
         names,
         difference.estimate(),
         difference.interval,
@@ -182,9 +183,9 @@ def pair_frame(configurations: Configurations, verdicts: pd.DataFrame) -> pd.Dat
 
     level = corrected_level([partial(_is_decided, sample) for sample in samples.values()])
 
-    final = verdicts[verdicts["claim"] == "a"]
+    final = verdicts[verdicts["claim"] == FINAL_RETURN.claim]
     names = map(frozenset, zip(final["configuration"], final["baseline"], strict=True))
-    known = dict(zip(names, final["verdict"].isin(WORDS["a"]), strict=True))
+    known = dict(zip(names, final["verdict"].isin(FINAL_RETURN.directions), strict=True))
 
     rows = []
     for (first, other), sample in samples.items():

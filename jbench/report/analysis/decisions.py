@@ -12,6 +12,7 @@ from jbench.report.data.configuration import ID, Configuration
 from jbench.returns import EVALUATION, TRAINING, final_return, mean_over_run
 from jbench.studies.arms import Arm, run_key
 from jbench.studies.deciding import decide, decided_word
+from jbench.studies.quantities import FINAL_RETURN
 from jbench.studies.shipped import shipped_studies
 from jbench.studies.study import PlannedComparison
 
@@ -156,7 +157,7 @@ def _returns(by_kind: ByKind, arm: Arm, claim: str) -> dict[int, float | None]:
                 points = config.returns[row, : config.lengths[row]]
                 is_alike = config.evaluate_every[row] == arm.run.evaluate_every
                 # Not those of `seed_scores`, which depend on the steps of the other seeds.
-                if claim == "a":
+                if claim == FINAL_RETURN.claim:
                     made = final_return(points, kind)
                 elif kind == TRAINING or is_alike:
                     made = mean_over_run(points)

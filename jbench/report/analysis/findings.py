@@ -9,7 +9,18 @@ from jbench.report.data.source_names import OWN
 from jbench.returns import EVALUATION
 from jbench.statistics import bootstrap as st
 from jbench.statistics.agents import seeds_to_decide
+from jbench.studies.quantities import FINAL_RETURN, SPEED, VARIABILITY
 from jbench.task_specs import SOLVED_RETURN
+
+# The letters of the claims, as claims.csv and docs/claims.md have them.
+SIMILAR = FINAL_RETURN.claim
+VARIES_LESS = VARIABILITY.claim
+FASTER = SPEED.claim
+GAINS_MORE = "d"
+OFF_POLICY_HIGHER = "e"
+OFF_POLICY_VARIES_MORE = "f"
+SOLVED = "g"
+SOLVED_BY_HAND = "h"
 
 
 @dataclass(frozen=True)

@@ -14,19 +14,12 @@ import numpy as np
 from jbench.report.numbers import decimals, end, fixed, signed, whole
 from jbench.statistics import bootstrap as st
 from jbench.statistics.step_down import Interval, corrected_level
-from jbench.studies.deciding import WORDS
+from jbench.studies.quantities import FINAL_RETURN, Quantity
 
 SEQUENTIAL = "sequential test"
 """Origin of the verdicts of the group-sequential test."""
 
 _TOO_FEW = f"fewer than {st.DECIDING_SEEDS} seeds"
-
-_NUMBERS = {
-    "a": "",
-    "b": "standard deviation between agents ",
-    "c": "mean return over the run ",
-}
-"""What the number of a claim is called in a text; that of (a) needs no name."""
 
 _MARKS = {
     "higher": "✓",
@@ -46,7 +39,7 @@ class Judgment:
     """What is said about a comparison, and the corrected interval on which that rests.
 
     Attributes:
-        word: one of the words of a claim, similar, or undecided.
+        word: one of the words of a quantity, similar, or undecided.
         low, high: ends of the interval.
         by: what the interval is corrected by; empty if there is one comparison only.
         text: a sentence for readers.
@@ -64,7 +57,7 @@ class Comparison:
     """Two configurations that are compared by a number, the first minus the second.
 
     Attributes:
-        claim: (a) final return, (b) variability of agents, (c) mean return over the run.
+        quantity: the number that is compared.
         names: columns that name what is compared.
         estimate: the number with its 95% interval.
         interval: the ends of its interval by confidence.
@@ -73,7 +66,7 @@ class Comparison:
         judgment: None until it is judged.
     """
 
-    claim: str
+    quantity: Quantity
     names: Mapping[str, Any]
     estimate: st.Estimate
     interval: Interval = field(repr=False)
@@ -91,7 +84,7 @@ class Comparison:
         assert judgment is not None
         return {
             **self.names,
-            "claim": self.claim,
+            "claim": self.quantity.claim,
             "value": self.estimate.value,
             "low": self.estimate.low,
             "high": self.estimate.high,
@@ -105,22 +98,22 @@ class Comparison:
 
     def word(self, low: float, high: float) -> str:
         """Returns the verdict that an interval gives."""
-        if self.claim == "a" and low > -self.margin and high < self.margin:
+        if self.quantity is FINAL_RETURN and low > -self.margin and high < self.margin:
             return "similar"
-        above, below = WORDS[self.claim]
         if low > 0:
-            return above
-        return below if high < 0 else "undecided"
+            return self.quantity.larger
+        if high < 0:
+            return self.quantity.smaller
+        return "undecided"
 
     def has_direction(self, confidence: float) -> bool:
         """Returns whether the interval at a confidence tells which number is larger."""
-        return self.word(*self.interval(confidence)) in WORDS[self.claim]
+        return self.word(*self.interval(confidence)) in self.quantity.directions
 
     def _text(self, word: str, low: float, high: float, by: str) -> str:
         """Returns a verdict in words, with the difference that it rests on."""
         text = self._number(low, high, by)
-        is_directed = self.claim == "a" and word in WORDS["a"]
-        if not is_directed:
+        if self.quantity is not FINAL_RETURN or word not in FINAL_RETURN.directions:
             return f"{word}: {text}"
         if self.margin and np.isfinite([low, high]).any():
             beyond = "yes" if min(abs(low), abs(high)) > self.margin else "undecided"
@@ -144,7 +137,7 @@ class Comparison:
             places = decimals(signed, (low, high))
             text = f"{end(low, places, '+')} to {end(high, places, '+')}"
 
-        return _NUMBERS[self.claim] + text
+        return f"{self.quantity.number} {text}".lstrip()
 
 
 def _range(least: float, most: float) -> str:
@@ -156,7 +149,7 @@ def _range(least: float, most: float) -> str:
 
 
 def judge(family: Sequence[Comparison]) -> None:
-    """Judges comparisons by the same claim, each corrected for the others."""
+    """Judges comparisons by the same quantity, each corrected for the others."""
     decidable = [comparison for comparison in family if comparison.decidable]
     level = corrected_level([comparison.has_direction for comparison in decidable])
     by = f"Holm, {len(decidable)} comparisons" if len(decidable) > 1 else ""

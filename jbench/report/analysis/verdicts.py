@@ -18,7 +18,8 @@ from jbench.report.analysis.judging import SEQUENTIAL, Comparison, judge
 from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair
 from jbench.report.data.configuration import ID, Configuration, with_returns
 from jbench.statistics import bootstrap as st
-from jbench.studies.deciding import WORDS, margin
+from jbench.studies.deciding import margin
+from jbench.studies.quantities import QUANTITIES, SPEED, VARIABILITY, Quantity
 
 VERDICTS = [
     *ID,
@@ -47,33 +48,38 @@ def verdict_frame(
 ) -> pd.DataFrame:
     """Returns the verdicts on each reduced representation, and on `scaled`, the effect of scaling.
 
-    The claims are (a) final return, (b) variability of three or more seeds and (c) speed. baseline
-    is a configuration, value has a 95% interval, and the verdict rests on the corrected one.
+    They are of each of the `QUANTITIES`: of variability for three or more seeds. baseline is a
+    configuration, value has a 95% interval, and the verdict rests on the corrected one.
     """
     listed = {tuple(row[key] for key in _KEYS): row for row in decisions.to_dict("records")}
     every: list[Comparison] = []
     for kind in RETURNS:
         asked = [
-            _comparison(claim, pair)
+            _comparison(quantity, pair)
             for pair in with_baselines(with_returns(configurations, kind), planned)
-            for claim in WORDS
-            if claim != "b" or min(len(config.seeds) for config in pair.sides) >= st.MIN_SEEDS
+            for quantity in QUANTITIES.values()
+            if quantity is not VARIABILITY or _has_enough_seeds(pair)
         ]
         for comparison in asked:
-            names = {**comparison.names, "claim": comparison.claim}
+            names = {**comparison.names, "claim": comparison.quantity.claim}
             decided = listed.get(tuple(names[key] for key in _KEYS))
             if decided is not None:
                 comparison.conclude(decided["verdict"], decided["low"], decided["high"], SEQUENTIAL)
 
-        for claim in WORDS:
-            judge([one for one in asked if one.claim == claim and one.judgment is None])
+        for quantity in QUANTITIES.values():
+            judge([one for one in asked if one.quantity is quantity and one.judgment is None])
         every += asked
 
     return pd.DataFrame([comparison.row() for comparison in every], columns=VERDICTS)
 
 
-def _comparison(claim: str, pair: Pair) -> Comparison:
-    """Compares final returns, the variability between agents, or means over the run, by claim."""
+def _has_enough_seeds(pair: Pair) -> bool:
+    """Returns whether both configurations have enough seeds for their variability."""
+    return min(len(config.seeds) for config in pair.sides) >= st.MIN_SEEDS
+
+
+def _comparison(quantity: Quantity, pair: Pair) -> Comparison:
+    """Compares final returns, the variability between agents, or means over the run."""
     names = {
         **pair.ours.identity,
         "baseline": pair.theirs.configuration,
@@ -82,15 +88,15 @@ def _comparison(claim: str, pair: Pair) -> Comparison:
         "steps": pair.control_steps,
     }
     similar_within = margin(pair.ours.task)
-    if claim == "b":
+    if quantity is VARIABILITY:
         estimate = pair.agents_difference()
 
         def interval(confidence: float) -> tuple[float, float]:
             _, low, high, _ = pair.agents_difference(confidence)
             return low, high
 
-        return Comparison(claim, names, estimate, interval, pair.decidable, similar_within)
+        return Comparison(quantity, names, estimate, interval, pair.decidable, similar_within)
 
-    sample = pair.sample(IQM_DIFFERENCE, "final" if claim == "a" else "area")
-    decidable = pair.decidable
-    return Comparison(claim, names, sample.estimate(), sample.interval, decidable, similar_within)
+    sample = pair.sample(IQM_DIFFERENCE, "area" if quantity is SPEED else "final")
+    estimate = sample.estimate()
+    return Comparison(quantity, names, estimate, sample.interval, pair.decidable, similar_within)

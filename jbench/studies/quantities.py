@@ -1,0 +1,47 @@
+"""What is compared of two configurations, and the words of its verdicts.
+
+Each quantity is that of one of the paper's claims (docs/claims.md), by whose letter matrix files,
+frames and JSON call it.
+"""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A number by which two configurations are compared, the first minus the second.
+
+    Attributes:
+        claim: letter of the paper's claim.
+        title: what is compared, in tables.
+        number: what the number is called in a sentence; empty if it needs no name.
+        larger: the verdict if the first one's is larger.
+        smaller: the verdict if it is smaller.
+    """
+
+    claim: str
+    title: str
+    number: str
+    larger: str
+    smaller: str
+
+    @property
+    def directions(self) -> tuple[str, str]:
+        """The verdicts that say which of two numbers is larger."""
+        return self.larger, self.smaller
+
+
+FINAL_RETURN = Quantity("a", "final return", "", "higher", "lower")
+
+VARIABILITY = Quantity(
+    "b",
+    "variability",
+    "standard deviation between agents",
+    "more variable",
+    "less variable",
+)
+
+SPEED = Quantity("c", "speed", "mean return over the run", "faster", "slower")
+
+QUANTITIES = {quantity.claim: quantity for quantity in (FINAL_RETURN, VARIABILITY, SPEED)}
+"""By the letters of their claims."""

@@ -117,10 +117,16 @@ class Arm:
         return _key(self.run, self.short_name, self.own_encoders, self.run.steps)
 
     @property
-    def training_key(self) -> str:
-        """A key that is equal for arms with the same runs, whose encoders are trained alike.
+    def evaluation(self) -> tuple[int, int]:
+        """Control steps between evaluations of a run, and the episodes of each."""
+        return self.run.evaluate_every, self.run.evaluate_episodes
 
-        Options that a part has for other kinds of encoders do not count.
+    @property
+    def training_key(self) -> str:
+        """A key that is equal for arms with the same training, whose encoders are trained alike.
+
+        Their runs are the same, unless their evaluations differ. Options that a part has for other
+        kinds of encoders do not count.
         """
         trained = None
         if self._has_encoder_to_train:

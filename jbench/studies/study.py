@@ -195,11 +195,20 @@ def chosen(
 
 
 def _different(parts: Parts) -> list[Arm]:
-    """Returns the arms of all parts, each once."""
+    """Returns the arms of all parts, each once.
+
+    Raises a RequestError if two differ in their evaluations alone: training is the same, so nothing
+    says which of the runs decide.
+    """
     found: dict[str, Arm] = {}
     for arm in arms(parts):
         with named(arm.where):
-            found.setdefault(arm.training_key, arm)
+            same = found.setdefault(arm.training_key, arm)
+            if same.evaluation != arm.evaluation:
+                raise RequestError(
+                    f"{arm.representation} of {arm.algo} on {arm.task} is also in {same.where}, "
+                    "with other evaluations; give both the same [evaluation], or leave one out."
+                )
     return list(found.values())
 
 

@@ -193,3 +193,15 @@ def test_parts_that_repeat_an_arm_plan_its_comparison_once(tmp_path):
     """)
     planned_once = [one.first.representation for one in with_baselines(read_matrix(str(file)))]
     assert planned_once == ["pca3", "ofe12"]
+
+
+def test_parts_that_differ_in_evaluations_alone_do_not_decide(tmp_path):
+    file = tmp_path / "study.toml"
+    parts = "".join(f"[[part]]\nevaluation.every = {every}\n" for every in (1000, 2000))
+    file.write_text(
+        "tasks = ['face_direction']\nalgos = ['td3']\nrepresentations = ['full', 'planar']\n"
+        f"steps = 2000\n{parts}"
+    )
+    says = r"part 2: full of td3 on face_direction is also in .*part 1, with other evaluations;"
+    with pytest.raises(RequestError, match=says):
+        with_baselines(read_matrix(str(file)))

@@ -16,7 +16,7 @@ from jbench.commands import options, output, parsing
 from jbench.commands.kept import kept_report
 from jbench.commands.watching import changes, open_page
 from jbench.errors import NothingYetError, RequestError, WorkError
-from jbench.report.request import Request, names_typed
+from jbench.report.request import Request, is_directory, names_typed
 from jbench.settings.base import validated
 from jbench.wording import repair_hint
 
@@ -96,7 +96,7 @@ def report(
     from jbench.store import Results
 
     # If two directories are compared, or a file is reported, --results is not read.
-    sides = [Path(side) for side in compare or () if Path(side).is_dir()]
+    sides = [Path(side) for side in compare or () if is_directory(side)]
     unread = len(sides) == 2 or curves is not None
     database = Results(results) if unread else parsing.results_to_read(results)
     read = [parsing.results_to_read(side) for side in sides] if unread else [database]

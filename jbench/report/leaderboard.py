@@ -11,7 +11,7 @@ from jbench.report.configurations import configuration_frame
 from jbench.report.data import sources
 from jbench.report.data.configuration import in_order, with_returns
 from jbench.report.data.curves import PUBLISHED_KEY, SEQUENCE, read_published
-from jbench.report.data.source_names import IMPORTED, OWN, PUBLISHED
+from jbench.report.data.source_names import IMPORTED, OWN, PUBLISHED, directory_source
 from jbench.report.policies import hand_written_returns
 from jbench.report.request import Request
 from jbench.settings.algorithms import display_name
@@ -47,9 +47,11 @@ def ranked_configurations(
     parts = []
     by_hand = dict[str, FloatArray]()
     for name, results in directories.items():
-        is_alone = len(directories) == 1
-        trained = OWN if is_alone else name
-        imported = IMPORTED if is_alone else f"{name}: {IMPORTED}"
+        trained = OWN
+        imported = IMPORTED
+        if len(directories) > 1:
+            trained = directory_source(name)
+            imported = f"{trained}: {IMPORTED}"
         parts.append(sources.own(results, request, trained, strict=False))
         parts.append(sources.imported(results, request, imported))
 

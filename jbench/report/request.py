@@ -15,6 +15,7 @@ from jbench.names import (
     NO_ENCODER,
     Order,
     ReturnsName,
+    is_reference,
     kind_in,
     known,
     shown_representation,
@@ -75,6 +76,12 @@ def representations_meant(typed: str, recorded: Iterable[str]) -> list[str]:
     wanted = FULL if typed.lower() in NO_ENCODER else typed
     named = [name for name in recorded if wanted in (name, shown_representation(name))]
     return named or [name for name in recorded if kind_in(name) == wanted]
+
+
+def is_directory(side: str) -> bool:
+    """Returns whether a side of a comparison is a results directory, or the shipped results."""
+    path = Path(side)
+    return path.is_dir() or is_reference(path)
 
 
 def settings_typed(side: str) -> list[str]:
@@ -200,7 +207,7 @@ class Request(Settings):
         return {
             setting(part)[0]
             for side in self.compare or ()
-            if not Path(side).is_dir()
+            if not is_directory(side)
             for part in settings_typed(side)
         }
 

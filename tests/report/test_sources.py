@@ -254,6 +254,19 @@ class TestCompare:
         assert set(found.configurations["source"]) == set(sides)
         assert any("Only in" in note and "SAC" in note for note in found.notes)
 
+    def test_directory_may_be_called_as_another_source(self, fabric, tmp_path, monkeypatch):
+        fabric.flat([500] * 6)
+        type(fabric)(tmp_path / "file").flat([480] * 6)
+        monkeypatch.chdir(tmp_path)
+        found = Frames(fabric.results, Request(compare=("file", "results")))
+        (one,) = found.comparisons.to_dict("records")
+        # Returns of a file of curves have no margin.
+        assert (one["a"], one["algo"], one["verdict"]) == ("./file", "TD3", "similar")
+
+    def test_shipped_results_are_a_side_by_their_name(self, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        assert Request(compare=("reference", "tau=0.5")).names_compared == {"tau"}
+
     def test_directory_without_equal_runs_is_refused(self, fabric, tmp_path):
         fabric.run(FLAT)
         (tmp_path / "empty").mkdir()

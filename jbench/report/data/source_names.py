@@ -20,6 +20,14 @@ PUBLISHED = "published"
 """The paper's curves."""
 
 
+def directory_source(name: str) -> str:
+    """Returns the source of the runs of one of several results directories: its name.
+
+    A directory that is called as another source is, such as imported, has ./ before its name.
+    """
+    return f"./{name}" if name in (OWN, IMPORTED, FILE, PUBLISHED) else name
+
+
 def has_solved_return(tasks: Iterable[str], sources: Iterable[str]) -> bool:
     """Returns whether it is known of all tasks from which return they are solved.
 

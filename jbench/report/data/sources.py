@@ -18,8 +18,8 @@ from jbench.report.data.build import build, usable_runs
 from jbench.report.data.chosen import have_settings
 from jbench.report.data.configuration import Configuration, paper_order
 from jbench.report.data.points import PATHS, POINT, run_paths
-from jbench.report.data.source_names import FILE, IMPORTED, OWN
-from jbench.report.request import Request
+from jbench.report.data.source_names import FILE, IMPORTED, OWN, directory_source
+from jbench.report.request import Request, is_directory
 from jbench.returns import EVALUATION
 from jbench.settings.code_words import encoder_words
 from jbench.store import Results, schema
@@ -144,9 +144,12 @@ def side(text: str, results: Results, request: Request) -> Source:
     The text is a results directory, or settings of runs, such as `algo=td3,representation=dae12`; a
     RequestError if it is neither, or no run has the settings and passes the filters.
     """
-    directory = Path(text).is_dir()
-    read = _load(results_to_read(text) if directory else results)
-    source = _source(read, request, text, chosen="" if directory else text)
+    if is_directory(text):
+        read = _load(results_to_read(text))
+        source = _source(read, request, directory_source(text))
+    else:
+        source = _source(_load(results), request, text, chosen=text)
+
     if not source.configurations:
         reasons = " ".join(source.problems)
         raise NothingYetError(f"There is no run with an episode of {text}. {reasons}".strip())

@@ -214,7 +214,8 @@ def _returns_at_end(source: sources.Source) -> FloatArray:
 
 def _points(configuration: Configuration, curve: Curve, per_seed: bool) -> list[Part]:
     """Returns the points of a curve, or those of each seed's."""
-    names = dict(zip(_CURVE, _key(configuration), strict=True)) | {"returns": configuration.kind}
+    names = dict(zip(_CURVE, _key(configuration), strict=True))
+    names["returns"] = configuration.returns_name
     if not per_seed:
         quantiles = dict(zip(_QUANTILES, curve.quantiles, strict=True))
         arrays = {"window": curve.widths, "control_steps": curve.control_steps}

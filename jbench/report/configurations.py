@@ -151,7 +151,7 @@ def _statistics(
         solved = _IS_SOLVED[decide_solved(median, seeds).verdict]
 
     best = None
-    if config.kind == TRAINING:  # the paper has no other returns
+    if config.returns_name == TRAINING:  # the paper has no other returns
         names = config.task, config.algo, config.representation
         best = best_median(published, names, scores.middle, sequence=config.robots > 1)
 

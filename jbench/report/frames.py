@@ -67,7 +67,7 @@ class Frames:
         self._source, self._compared = read(results, request)
         self._every = self._source.configurations
         self._new_names = rename(self._every, request.names)
-        kinds = {config.kind for config in self._every}
+        kinds = {config.returns_name for config in self._every}
         self.returns = request.returns if request.returns in kinds or not kinds else kinds.pop()
         self.metrics = map_texts(self._source.tables["metrics"])
         self.paths = map_texts(self._source.paths)

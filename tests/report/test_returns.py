@@ -79,7 +79,7 @@ def last_returns(fabric, record):
     (opened,) = jbench.open(fabric.results.path).runs()["evaluation_return"]
     (reported,) = seeds.loc[seeds["returns"] == "evaluation", "final"]
     side = sources.side("algo=td3", fabric.results, Request())
-    (cell,) = (cell for cell in side.configurations if cell.kind == EVALUATION)
+    (cell,) = (cell for cell in side.configurations if cell.returns_name == EVALUATION)
     (beside,) = seed_scores(cell).final
     compared = compared_return(record, added=added.get(record.id, ()))
     return [opened, reported, beside, line.evaluation_return, compared]

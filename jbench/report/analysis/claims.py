@@ -159,7 +159,7 @@ def _common(*compared: Configuration) -> tuple[str, str, int, str]:
     longest = max(config.longest for config in compared)
     reached = f"at {steps(common)} of {steps(longest)} control steps, the last that every seed has"
     first = compared[0]
-    return first.kind, first.source, int(common), "" if common == longest else reached
+    return first.returns_name, first.source, int(common), "" if common == longest else reached
 
 
 def _on_pair(claim: str, pair: Pair, baseline: str) -> Finding:

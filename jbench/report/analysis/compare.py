@@ -64,7 +64,7 @@ def comparison_frame(groups: Sequence[Sequence[Pair]]) -> pd.DataFrame:
     """
     rows: list[dict[str, Any]] = []
     for kind in RETURNS:
-        chosen = [pairs for pairs in groups if pairs[0].ours.kind == kind]
+        chosen = [pairs for pairs in groups if pairs[0].ours.returns_name == kind]
         known = ranges([config for pairs in chosen for pair in pairs for config in pair.sides])
         family = [_compared(pairs, known) for pairs in chosen]
         judge(family)
@@ -131,7 +131,7 @@ def across(ours: Configurations, theirs: Configurations, names: Collection[str])
         Pair(first, other)
         for first in ours
         for other in by_settings.get(comparable(first.settings, *names), ())
-        if first.kind == other.kind and not (names and _is_same(first, other))
+        if first.returns_name == other.returns_name and not (names and _is_same(first, other))
     ]
 
 
@@ -194,7 +194,7 @@ def pair_frame(configurations: Configurations, verdicts: pd.DataFrame) -> pd.Dat
         decided = known.get(key, _is_decided(sample, 1 - level))
         both = (first, other, p, low, high), (other, first, 1 - p, 1 - high, 1 - low)
         for a, b, *numbers in both:
-            labels = a.task, a.kind, a.configuration, b.configuration, a.label, b.label
+            labels = a.task, a.returns_name, a.configuration, b.configuration, a.label, b.label
             rows.append((*labels, *numbers, decided, int(a.longest)))
 
     return pd.DataFrame(rows, columns=PAIRS)

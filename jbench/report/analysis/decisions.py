@@ -98,7 +98,7 @@ def _by_key(configurations: Iterable[Configuration]) -> dict[str, ByKind]:
 
     by_key: dict[str, ByKind] = {}
     for key, configs in found.items():
-        by_kind = {config.kind: config for config in configs}
+        by_kind = {config.returns_name: config for config in configs}
         if len(by_kind) == len(configs):
             by_key[key] = by_kind
 

@@ -49,9 +49,9 @@ def _computed(configuration: Configuration, control_steps: int | None) -> Scores
     returns = np.where(within, configuration.returns, np.nan)
 
     final, middles, deviations, episodes = final_returns(
-        returns, configuration.control_steps, lengths, configuration.kind
+        returns, configuration.control_steps, lengths, configuration.returns_name
     )
-    if configuration.kind == EVALUATION:
+    if configuration.returns_name == EVALUATION:
         last = np.arange(len(lengths)), lengths - 1
         deviations = configuration.deviations[last]
         episodes = configuration.counts[last]

@@ -43,6 +43,7 @@ class Configuration:
     `diverged_return` at every point after its divergence, up to the end of the other seeds.
 
     Attributes:
+        returns_name: which returns its points have, evaluation or training.
         returns, control_steps, processor_time, deviations, counts: (seeds, points); see `Points`.
         diverged_at: (seeds,) control steps after which each diverged; NaN if it did not.
         diverged_returns: (seeds,) return that each counts with from then on; see `diverged_return`.
@@ -73,7 +74,7 @@ class Configuration:
 
     def __init__(
         self,
-        kind: ReturnsName,
+        returns_name: ReturnsName,
         runs: pd.DataFrame,
         points: Points,
         source: str,
@@ -88,7 +89,7 @@ class Configuration:
                 `variants.variant_words`.
         """
         first = runs.iloc[0]
-        self.kind = kind
+        self.returns_name = returns_name
         self.source = source
         self.task = str(first["task"])
         self.algo = str(first["algo"])
@@ -125,7 +126,8 @@ class Configuration:
         if self.diverged.any() and not self.diverged.all():
             longest = self.steps[~self.diverged].max()
             self.steps[self.diverged] = np.maximum(self.steps[self.diverged], longest)
-        self.trained = int(self.last_step if kind == EVALUATION else self.steps.min())
+        is_evaluated = returns_name == EVALUATION
+        self.trained = int(self.last_step if is_evaluated else self.steps.min())
 
         self.robots = 0 if self.settings.augment is None else self.settings.robots
         episodes = max(int(planned.max()) // self.settings.episode_steps, self.returns.shape[1])
@@ -166,7 +168,7 @@ class Configuration:
             "representation": shown,
             "kind": kind,
             "words": self.words,
-            "returns": self.kind,
+            "returns": self.returns_name,
         }
 
     def lengths_up_to(self, control_steps: float) -> IntArray:
@@ -195,7 +197,9 @@ class Configuration:
     @cached_property
     def common(self) -> CommonPoints:
         """The points of its seeds at control steps that all of them have reached."""
-        return at_common_steps(self.kind, self.returns, self.control_steps, self.processor_time)
+        return at_common_steps(
+            self.returns_name, self.returns, self.control_steps, self.processor_time
+        )
 
     def curve(self, order: Order = "quantile-first", window: int = WINDOW) -> Curve:
         """Returns the curve: a moving average of episodes, or the single evaluations.
@@ -236,7 +240,7 @@ class Configuration:
 
     def _windows(self, points: int, window: int) -> list[tuple[slice, int]]:
         """Returns the points of each robot of a sequence, and how many are averaged at most."""
-        if self.kind == EVALUATION:
+        if self.returns_name == EVALUATION:
             return [(slice(points), 1)]
         if self.robots <= 1 or not points:
             return [(slice(points), window)]
@@ -249,9 +253,9 @@ Configurations = Sequence[Configuration]
 Curves = Sequence[tuple[Configuration, Curve]]
 
 
-def with_returns(configurations: Iterable[Configuration], kind: ReturnsName) -> list[Configuration]:
+def with_returns(configurations: Iterable[Configuration], name: ReturnsName) -> list[Configuration]:
     """Returns the configurations of one kind of return."""
-    return [config for config in configurations if config.kind == kind]
+    return [config for config in configurations if config.returns_name == name]
 
 
 def differing_in(configurations: Iterable[Configuration], name: str) -> list[list[Configuration]]:

@@ -77,8 +77,9 @@ def _what_counts(diverged: pd.DataFrame) -> str:
 
 def notes_on_points(config: Configuration, absent: IntArray) -> list[str]:
     """Returns notes on returns that are not finite, and on the control steps of points."""
+    value = _VALUE[config.returns_name]
     notes = [
-        f"{counted(count, _VALUE[config.kind])} of seed {seed} {are(count)} not finite and left out"
+        f"{counted(count, value)} of seed {seed} {are(count)} not finite and left out"
         for seed, count in zip(config.seeds, absent, strict=True)
         if count
     ]
@@ -99,7 +100,7 @@ def _notes_on_steps(config: Configuration) -> list[str]:
         )
 
     if len(common.control_steps) and (end := common.control_steps[-1]) < config.longest:
-        of = "" if config.source == FILE else f" of {config.kind} returns"
+        of = "" if config.source == FILE else f" of {config.returns_name} returns"
         notes.append(
             f"its curve{of} ends at {end:,.0f} control steps, the last that every seed has reached"
         )

@@ -109,7 +109,7 @@ def _compare_over_run(configurations: Sequence[Configuration]) -> None:
     """Makes the means over the run of methods on a task comparable, however each was logged."""
     by_task: dict[tuple[str, str], list[Configuration]] = {}
     for config in configurations:
-        by_task.setdefault((config.task, config.kind), []).append(config)
+        by_task.setdefault((config.task, config.returns_name), []).append(config)
     for methods in by_task.values():
         for config in methods:
             config.beside = [other for other in methods if other is not config]
@@ -200,7 +200,7 @@ def _note_added_episodes(built: Sequence[Configuration], evaluations: pa.Table) 
     counts = Counter(added)
     for config in built:
         seeds = sum(counts[run] > 0 for run in config.runs)
-        if config.kind == EVALUATION and seeds:
+        if config.returns_name == EVALUATION and seeds:
             episodes = counted(sum(counts[run] for run in config.runs), "episode")
             which = counted(seeds, "seed")
             note = f"jbench evaluate added {episodes} to the last evaluations of {which}"

@@ -67,10 +67,23 @@ def components(agents: Agents, confidence: float = 0.95) -> Components:
     # As in Satterthwaite's approximation; k (n - 1) for n episodes of each of k agents.
     freedom = float(np.sum(1 / counts) ** 2 / np.sum(1 / (counts**2 * (counts - 1))))
     tail = (1 - confidence) / 2
-    quantiles = (fdtri(len(counts) - 1, freedom, at) for at in (1 - tail, tail))
-    squares = between, *((within + between) / quantile - within for quantile in quantiles)
-    s, low, high = (float(np.sqrt(max(square, 0))) for square in squares)
-    return Components(s, low, high, float(np.sqrt(np.mean(agents.variances * counts))))
+
+    def squared_end(probability: float) -> float:
+        """Returns s^2 at which the F statistic is the quantile of a probability."""
+        quantile = fdtri(len(counts) - 1, freedom, probability)  # of numpy: 0 gives infinity
+        return float((within + between) / quantile - within)
+
+    return Components(
+        deviation=_root(between),
+        low=_root(squared_end(1 - tail)),
+        high=_root(squared_end(tail)),
+        episode_deviation=_root(float(np.mean(agents.variances * counts))),
+    )
+
+
+def _root(square: float) -> float:
+    """Returns the square root, 0 of a negative estimate of a variance."""
+    return float(np.sqrt(max(square, 0)))
 
 
 def difference(ours: Agents, theirs: Agents, confidence: float = 0.95) -> Estimate:
@@ -79,7 +92,8 @@ def difference(ours: Agents, theirs: Agents, confidence: float = 0.95) -> Estima
     The interval combines the two intervals of s (G. Y. Zou, A. Donner, *Construction of confidence
     limits about effect measures: a general approach*, Stat. Med. 27, 2008).
     """
-    s, t = components(ours, confidence), components(theirs, confidence)
+    s = components(ours, confidence)
+    t = components(theirs, confidence)
     value = s.deviation - t.deviation
     low = value - np.hypot(s.deviation - s.low, t.high - t.deviation)
     high = value + np.hypot(s.high - s.deviation, t.deviation - t.low)

@@ -170,13 +170,18 @@ def with_baselines(parts: Parts, max_seeds: int = MAX_SEEDS) -> list[PlannedComp
         return _rest(arm), kind, features_in(arm.short_name)
 
     baselines = {observed(arm, kind_in(arm.short_name)): arm for arm in every}
-    return [
-        PlannedComparison(arm, theirs, (arm.representation, name), max_seeds=max_seeds)
-        for arm in every
-        for name in BASELINES
-        if kind_in(arm.short_name) not in BASELINES
-        and (theirs := baselines.get(observed(arm, name))) is not None
-    ]
+    compared = []
+    for arm in every:
+        if kind_in(arm.short_name) in BASELINES:
+            continue
+
+        for name in BASELINES:
+            theirs = baselines.get(observed(arm, name))
+            if theirs is not None:
+                labels = arm.representation, name
+                compared.append(PlannedComparison(arm, theirs, labels, max_seeds=max_seeds))
+
+    return compared
 
 
 def chosen(

@@ -1,6 +1,7 @@
 """The runs that one side of a comparison chooses by its settings."""
 
 import math
+from collections.abc import Collection
 from decimal import Decimal
 
 import numpy as np
@@ -25,12 +26,8 @@ def have_settings(text: str, runs: pd.DataFrame) -> BoolArray:
         text: settings with commas, as a side of `--compare` has them.
         runs: with the columns settings and provenance (as JSON) and created.
     """
-    flat = []
-    for run in map(parse_run, runs["settings"]):
-        values = {path: value_text(value) for path, value in flatten(run).items()}
-        flat.append({(n, v) for path, v in values.items() for n in (path[-1], ".".join(path))})
-
-    have = np.ones(len(flat), bool)
+    named = [_named_values(recorded) for recorded in runs["settings"]]
+    have = np.ones(len(runs), bool)
     for part in settings_typed(text):
         name, value = setting(part)
         if not name or not (value or "=" in part):
@@ -39,32 +36,55 @@ def have_settings(text: str, runs: pd.DataFrame) -> BoolArray:
                 "settings such as engine=sb3 engine=batched."
             )
 
-        known = {shown for run in flat for key, shown in run if key == name}
-        if not known:
-            names = sorted({key for run in flat for key, _ in run})
-            # Only settings of the same name in two tables need the name of the table.
-            short = [key for key in names if key.rpartition(".")[2] not in names or "." not in key]
-            close = closest(name, names)
-            others = "there are" if close is None else f"did you mean {close}? There are"
-            raise RequestError(f"No run has a setting {name!r}; {others} {', '.join(short)}.")
+        recorded = {shown for run in named for key, shown in run if key == name}
+        if not recorded:
+            raise _unknown(name, {key for run in named for key, _ in run})
+
         if name in CODE_WORDS and value.startswith(OF):
             have &= _have_code(value, runs, part)
             continue
 
-        if name == "representation":
-            wanted = representations_meant(value, known)
-        elif name in CODE_WORDS:
-            wanted = [shown for shown in known if shown.startswith(value)]
-            known = {shown[:CODE_LENGTH] for shown in known if shown != "null"}
-        else:
-            wanted = [shown for shown in known if _equal(value, shown)]
-        if not wanted:
+        meant = _meant(name, value, recorded)
+        if not meant:
+            known = recorded
+            if name in CODE_WORDS:
+                known = {shown[:CODE_LENGTH] for shown in recorded if shown != "null"}
             raise RequestError(f"No run has {part}; there are {', '.join(sorted(known))}.")
 
-        meant = {(name, shown) for shown in wanted}
-        have &= [not meant.isdisjoint(run) for run in flat]
+        wanted = {(name, shown) for shown in meant}
+        have &= [not wanted.isdisjoint(run) for run in named]
 
     return have
+
+
+def _named_values(settings: str) -> set[tuple[str, str]]:
+    """Returns the names and values of settings, as text.
+
+    Each is named by its whole path, such as hyperparameters.tau, and by the last part of it.
+    """
+    values = set()
+    for path, value in flatten(parse_run(settings)).items():
+        shown = value_text(value)
+        values |= {(path[-1], shown), (".".join(path), shown)}
+    return values
+
+
+def _unknown(name: str, known: Collection[str]) -> RequestError:
+    """Returns the error for a setting that no run has; it lists the known names."""
+    # Only settings of the same name in two tables need the name of the table.
+    short = [key for key in known if "." not in key or key.rpartition(".")[2] not in known]
+    close = closest(name, sorted(known))
+    others = "there are" if close is None else f"did you mean {close}? There are"
+    return RequestError(f"No run has a setting {name!r}; {others} {', '.join(sorted(short))}.")
+
+
+def _meant(name: str, typed: str, recorded: Collection[str]) -> list[str]:
+    """Returns which of the recorded values of a setting a typed text means."""
+    if name == "representation":
+        return representations_meant(typed, recorded)
+    if name in CODE_WORDS:
+        return [shown for shown in recorded if shown.startswith(typed)]
+    return [shown for shown in recorded if _equal(typed, shown)]
 
 
 def _have_code(date: str, runs: pd.DataFrame, typed: str) -> BoolArray:

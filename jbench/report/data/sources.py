@@ -220,12 +220,13 @@ def _filtered(runs: pd.DataFrame, request: Request, strict: bool) -> tuple[pd.Da
                 raise NothingYetError(f"No run was begun since {request.since}. {notes[0]}")
             runs = runs[created >= since]
 
-    wanted = {n: v for n in ("task", "algo") if (v := getattr(request, n)) is not None}
+    asked = {"task": request.task, "algo": request.algo}
+    wanted = {name: value for name, value in asked.items() if value is not None}
     matches = (runs[[*wanted]] == pd.Series(wanted, dtype=object)).all(axis=1)
     if strict and len(runs) and not matches.any():
         algos = runs.groupby("task")["algo"].unique()
         existing = "; ".join(f"{task} with {', '.join(sorted(a))}" for task, a in algos.items())
-        asked = " and ".join(f"{name} {value!r}" for name, value in wanted.items())
-        raise NothingYetError(f"There are no runs of {asked}; there are runs of {existing}.")
+        missing = " and ".join(f"{name} {value!r}" for name, value in wanted.items())
+        raise NothingYetError(f"There are no runs of {missing}; there are runs of {existing}.")
 
     return runs[matches], notes

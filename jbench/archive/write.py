@@ -4,9 +4,9 @@ import io
 import re
 import tempfile
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pyarrow.parquet as pq
 
@@ -79,7 +79,8 @@ def write_archive(results: Results, out: Path, blind: bool = False) -> Archived:
         if faults := verify(target, 1).faults:
             raise WorkError(f"The archive would be damaged: {faults[0]}")
         write_report(target, root / "report", Request(claims=_has_claims(records)))
-        _write_texts(root, target, _lines(left_out, blinder))
+        datasets = _settings_of_datasets(results, blinder)
+        _write_texts(root, target, _lines(left_out, blinder), datasets)
         content = _zipped(root)
 
     if blinder is not None and (leak := next(leaks(content, blinder.words), None)) is not None:
@@ -148,8 +149,30 @@ def _copy(record: Record, target: Results, blinder: Blinder | None) -> None:
         copied.begin(blinder.manifest(record, tuple(entries)))
 
 
-def _write_texts(root: Path, target: Results, left_out: list[str]) -> None:
-    """Writes the README, the matrix that trains the runs again, and the versions of packages."""
+def _settings_of_datasets(results: Results, blinder: Blinder | None) -> dict[str, Any]:
+    """Returns the settings of datasets by id, as encoders in the archive call it.
+
+    An archive has no datasets, but its matrix makes them again.
+    """
+    settings = {record.id: record.settings for record in results.scan("dataset")[0]}
+    if blinder is None:
+        return settings
+    return {
+        blinder.settings({"dataset": id})["dataset"]: recorded for id, recorded in settings.items()
+    }
+
+
+def _write_texts(
+    root: Path, target: Results, left_out: list[str], datasets: Mapping[str, Any]
+) -> None:
+    """Writes the README, the matrix that trains the runs again, and the versions of packages.
+
+    Args:
+        root: directory of the archive.
+        target: its records.
+        left_out: a line for each record that it does not have.
+        datasets: settings of the datasets of its encoders, by id.
+    """
     from jbench import __version__
 
     runs = target.scan("run")[0]
@@ -158,7 +181,7 @@ def _write_texts(root: Path, target: Results, left_out: list[str]) -> None:
     missing = "; ".join([*failed, *left_out]) or "none"
     text = _README.format(version=__version__, runs=len(runs), missing=missing)
     (root / "README.txt").write_text(text)
-    (root / "matrix.toml").write_text(matrix([run.settings for run in runs], encoders))
+    (root / "matrix.toml").write_text(matrix([run.settings for run in runs], encoders, datasets))
     (root / "requirements.txt").write_text(lock())
 
 

@@ -24,7 +24,6 @@ from jbench.report.curve_frames import (
 from jbench.report.data.configuration import Configuration, Curves, with_returns
 from jbench.report.data.curves import SEQUENCE, read_published
 from jbench.report.data.source_names import FILE, IMPORTED
-from jbench.report.data.sources import Source
 from jbench.report.encoders import encoder_frame, kept_frame, prediction_frame
 from jbench.report.headline import headline
 from jbench.report.leaderboard import leaderboard
@@ -55,6 +54,8 @@ class Frames:
     """All that a report on some results shows, or on the file of a request.
 
     Attributes:
+        results: what it reports; None for a file of curves.
+        source: what it has read of them, or of the file.
         returns: the kind of return that is shown first, and that of pairs, profiles, predictions.
         made: what the functions that are decorated by `once` have made of the frames.
     """
@@ -63,14 +64,14 @@ class Frames:
         """Reads the results; a NothingYetError without runs, a WorkError if none can be read."""
         self.request = request
         self.made: dict[Callable[[Frames], Any], Any] = {}
-        self._results = results
-        self._source, self._compared = read(results, request)
-        self._every = self._source.configurations
+        self.results = results
+        self.source, self._compared = read(results, request)
+        self._every = self.source.configurations
         self._new_names = rename(self._every, request.names)
         kinds = {config.returns_name for config in self._every}
         self.returns = request.returns if request.returns in kinds or not kinds else kinds.pop()
-        self.metrics = map_texts(self._source.tables["metrics"])
-        self.paths = map_texts(self._source.paths)
+        self.metrics = map_texts(self.source.tables["metrics"])
+        self.paths = map_texts(self.source.paths)
 
     def lead(self, frame: pd.DataFrame) -> pd.DataFrame:
         """Returns the rows of a frame that are of the kind of return that is shown first."""
@@ -131,14 +132,12 @@ class Frames:
     @cached_property
     def _behavior(self) -> tuple[pd.DataFrame, pd.DataFrame, list[str]]:
         """Where evaluated policies were, how fast their motors, and what is wrong with others."""
-        return policies.behavior(self._results, self.request.task)
+        return policies.behavior(self.results, self.request.task)
 
     @cached_property
     def _findings(self) -> tuple[pd.DataFrame, list[str]]:
         """The tests of the paper's claims, and notes on them."""
-        return tested_claims(
-            self._trained, self._planned, self._source, self.request, self._results
-        )
+        return tested_claims(self._trained, self._planned, self.source, self.request, self.results)
 
     # Sentences.
 
@@ -152,19 +151,14 @@ class Frames:
     def notes(self) -> list[str]:
         """Sentences for the reader."""
         _, untested = self._findings
-        left_out = policies.without_baseline(self._specs, self._source.tables)
-        return [*map(clean, (*self._source.notes, *notes_on(self._every), *left_out, *untested))]
+        left_out = policies.without_baseline(self._specs, self.source.tables)
+        return [*map(clean, (*self.source.notes, *notes_on(self._every), *left_out, *untested))]
 
     @cached_property
     def problems(self) -> list[str]:
         """A sentence on each unreadable record."""
         _, _, unread = self._behavior
-        return [*map(clean, (*self._source.problems, *unread))]
-
-    @property
-    def source(self) -> Source:
-        """What the report has read."""
-        return self._source
+        return [*map(clean, (*self.source.problems, *unread))]
 
     @property
     def interpolated(self) -> bool:
@@ -216,7 +210,7 @@ class Frames:
     @_frame
     def baselines(self) -> pd.DataFrame:
         """The returns of policies without training."""
-        return policies.baseline_frame(self._specs, self._source.tables)
+        return policies.baseline_frame(self._specs, self.source.tables)
 
     # Their analysis.
 
@@ -256,7 +250,7 @@ class Frames:
     def leaderboard(self) -> pd.DataFrame:
         """The entries by task and median."""
         leading = self.lead(self._by_configuration)
-        by_hand = policies.hand_written_returns(self._source.tables)
+        by_hand = policies.hand_written_returns(self.source.tables)
         ranked = leading[leading["source"] != FILE]
         return leaderboard(ranked, by_hand, self._papers_on_one_robot, self.request.algo)
 
@@ -265,7 +259,7 @@ class Frames:
     @_frame
     def encoders(self) -> pd.DataFrame:
         """What encoders lose and predict."""
-        encoders = encoder_frame(self._source.tables, self.request.task)
+        encoders = encoder_frame(self.source.tables, self.request.task)
         return encoders.assign(representation=encoders["representation"].replace(self._new_names))
 
     @_frame
@@ -276,7 +270,7 @@ class Frames:
     @_frame
     def kept(self) -> pd.DataFrame:
         """What encoders keep of each feature of the observation."""
-        kept = kept_frame(self._source.tables, self.request.task)
+        kept = kept_frame(self.source.tables, self.request.task)
         return kept.assign(representation=kept["representation"].replace(self._new_names))
 
     @_frame
@@ -292,7 +286,7 @@ class Frames:
     @_frame
     def runs(self) -> pd.DataFrame:
         """A row for each run."""
-        return run_frame(self._source, self.returns)
+        return run_frame(self.source, self.returns)
 
     @_frame
     def provenance(self) -> pd.DataFrame:

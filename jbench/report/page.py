@@ -64,7 +64,7 @@ def render(frames: Frames, made: Sequence[Chart]) -> str:
         matrices=verdict_matrices(frames),
         tables=[_shown(table) for table in tables(frames) if table.name != "verdicts"],
         drops=drops(frames.runs, frames.source.problems),
-        repeat=repetition(frames.source),
+        repeat=repetition(frames.source, frames.results),
         runs=asdict(run_details(frames)),
         command=clean(frames.request.command),
         citation=CITATION if len(frames.published) else "",

@@ -10,6 +10,7 @@ import pandas as pd
 from jbench.report.data.source_names import FILE, IMPORTED
 from jbench.report.data.sources import Source
 from jbench.report.texts import clean
+from jbench.store import Results
 from jbench.studies.commands import commands
 from jbench.studies.rebuilt_matrix import matrix
 from jbench.wording import counted
@@ -33,8 +34,11 @@ class Repetition:
     rebuilt: list[str]
 
 
-def repetition(source: Source) -> Repetition:
-    """Returns what trains the runs of a source again; texts are those of the records."""
+def repetition(source: Source, results: Results | None) -> Repetition:
+    """Returns what trains the runs of a source again; texts are those of the records.
+
+    The results have the datasets; they are None for a file of curves.
+    """
     runs = source.runs[~source.runs["source"].isin(_NOT_TRAINED)]
     if runs.empty:
         return Repetition("", [], [])
@@ -43,9 +47,11 @@ def repetition(source: Source) -> Repetition:
         str(row["encoder"]): json.loads(row["settings"])
         for row in source.tables["encoders"].to_dict("records")
     }
+    records = [] if results is None else results.scan("dataset")[0]
+    datasets = {record.id: record.settings for record in records}
     words = [_command(text) for text in runs["provenance"]]
     typed, rebuilt = commands(zip(settings, words, strict=True))
-    lines = matrix(settings, encoders).splitlines()
+    lines = matrix(settings, encoders, datasets).splitlines()
     return Repetition("\n".join(map(clean, lines)), [*map(clean, typed)], [*map(clean, rebuilt)])
 
 

@@ -9,6 +9,7 @@ from typing import Any
 from jbench.names import in_ranges
 from jbench.settings.base import canonical_json, in_id, task_and_representation
 from jbench.settings.recorded import SEED, Run, alike, read_run
+from jbench.settings.records import JITTERBUG, DatasetSettings
 from jbench.settings.run import TYPED, RunSettings
 from jbench.studies.file import NULL
 from jbench.studies.matrix import OF_EVALUATION
@@ -18,8 +19,8 @@ _OWN = ("tasks", "algos", "representations", "seeds", "encoder", "ofe")
 
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
-Encoders = Mapping[str, Mapping[str, Any]]
-"""Recorded settings of encoders by id."""
+Recorded = Mapping[str, Mapping[str, Any]]
+"""Recorded settings by id."""
 
 
 @dataclass(frozen=True)
@@ -52,11 +53,16 @@ def _is_trained_here(run: Run) -> bool:
     return isinstance(run, RunSettings) and run.accepted is None
 
 
-def matrix(runs: Iterable[Mapping[str, Any]], encoders: Encoders) -> str:
-    """Returns a matrix file for `jbench sweep` that trains recorded runs, given their settings.
+def matrix(runs: Iterable[Mapping[str, Any]], encoders: Recorded, datasets: Recorded) -> str:
+    """Returns a matrix file for `jbench sweep` that trains recorded runs.
 
     Values that all parts share are written once, above the parts. Runs that jbench can't train,
-    such as those of recorded loops, are named in comments.
+    such as those of recorded loops, are named in comments, as are datasets that it can't make.
+
+    Args:
+        runs: settings of the runs.
+        encoders: those of their encoders.
+        datasets: those of the datasets of these encoders.
     """
     recorded = [read_run(settings) for settings in runs]
     others: dict[str, int] = {}
@@ -64,7 +70,8 @@ def matrix(runs: Iterable[Mapping[str, Any]], encoders: Encoders) -> str:
         if not _is_trained_here(run):
             name = " ".join(f"{run.task} {run.algo} {run.representation}".split())
             others[name] = others.get(name, 0) + 1
-    parts = _joined([_part(group, encoders) for group in groups(recorded)])
+    trained = groups(recorded)
+    parts = _joined([_part(group, encoders, datasets) for group in trained])
     shared = _shared(parts)
 
     lines = ["# What trains these runs: jbench sweep matrix.toml"]
@@ -72,6 +79,8 @@ def matrix(runs: Iterable[Mapping[str, Any]], encoders: Encoders) -> str:
         lines.append(
             f"# {count} runs of {name} were trained by another program, or by changed code."
         )
+    unknown = (_unknown_of_encoder(group.run, encoders, datasets) for group in trained)
+    lines += filter(None, dict.fromkeys(unknown))
     if shared:
         lines += ["", *_lines(shared)]
     for part in parts:
@@ -80,7 +89,7 @@ def matrix(runs: Iterable[Mapping[str, Any]], encoders: Encoders) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _part(group: SameSettings, encoders: Encoders) -> dict[str, Any]:
+def _part(group: SameSettings, encoders: Recorded, datasets: Recorded) -> dict[str, Any]:
     """Returns the keys of the part of a matrix that trains runs of the same settings."""
     run = group.run
     part: dict[str, Any] = {
@@ -108,10 +117,59 @@ def _part(group: SameSettings, encoders: Encoders) -> dict[str, Any]:
     if run.encoder_draws is None:
         # By its name, it would be trained again, perhaps on another dataset.
         part["representations"] = [run.encoder]
-    elif run.encoder in encoders:
+        return part
+
+    part["encoder"] = {"seed": "each"}
+    if run.encoder in encoders:
         settings = encoders[run.encoder]
-        part["encoder"] = {"seed": "each", "options": {settings["kind"]: settings["options"]}}
+        part["encoder"]["options"] = {settings["kind"]: settings["options"]}
+        if keys := _dataset_keys(run, settings, datasets):
+            part["dataset"] = keys
+
     return part
+
+
+def _dataset_keys(
+    run: RunSettings, encoder: Mapping[str, Any], datasets: Recorded
+) -> dict[str, Any] | None:
+    """Returns the table [dataset] from which a run's encoder is trained; None if it is not known.
+
+    It is empty for the dataset of a matrix without this table.
+    """
+    id = str(encoder.get("dataset"))
+    if id == _usual_dataset(run):
+        return {}
+    recorded = datasets.get(id)
+    if recorded is None or recorded.get("augment") is not None:
+        return None
+    return {"steps": recorded.get("steps"), "seed": recorded.get("seed")}
+
+
+def _usual_dataset(run: RunSettings) -> str | None:
+    """Returns the id of the dataset that a matrix makes for a run if it does not say which."""
+    robot = JITTERBUG if run.specs is None else run.task
+    try:
+        return DatasetSettings(robot=robot, specs=run.specs).id
+    except ValueError:  # the usual number of steps is not one of whole episodes of the robot
+        return None
+
+
+def _unknown_of_encoder(run: RunSettings, encoders: Recorded, datasets: Recorded) -> str:
+    """Returns a comment on what a matrix lacks of the encoders that seeds have each; "" if nothing.
+
+    See `matrix` for the arguments.
+    """
+    if run.encoder_draws is None:
+        return ""
+    if run.encoder not in encoders:
+        return f"# The options of {run.encoder} are not known: add them."
+
+    encoder = encoders[run.encoder]
+    if _dataset_keys(run, encoder, datasets) is not None:
+        return ""
+
+    dataset = " ".join(str(encoder.get("dataset")).split())
+    return f"# Encoders learned from {dataset}, whose steps are not known: add them."
 
 
 def _joined(parts: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:

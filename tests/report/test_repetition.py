@@ -55,8 +55,8 @@ def test_page_has_the_matrix_and_the_commands(fabric):
     usual = {"steps": 8000, "evaluate_every": 1000, "evaluate_episodes": 1}
     settings = [recorded(fabric, typed, **usual), recorded(fabric, None, **usual, seed=5)]
     found = Frames(fabric.results)
-    repeat = repetition(found.source)
-    assert repeat.matrix + "\n" == matrix(settings, {})
+    repeat = repetition(found.source, fabric.results)
+    assert repeat.matrix + "\n" == matrix(settings, {}, {})
     assert repeat.typed == ["jbench train --algo td3 --seeds '0<1'"]
     (rebuilt,) = repeat.rebuilt
     assert "--seeds 5 --steps 8000" in rebuilt

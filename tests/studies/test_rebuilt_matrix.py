@@ -81,7 +81,8 @@ def test_matrix_and_commands_train_runs_of_every_kind(tmp_path):
     runs = made(tmp_path)
     settings = [run.values for run in runs]
     wanted = {run.id for run in runs}
-    assert runs_by_matrix(matrix(settings, {}), Results(tmp_path), tmp_path / "m.toml") == wanted
+    text = matrix(settings, {}, {})
+    assert runs_by_matrix(text, Results(tmp_path), tmp_path / "m.toml") == wanted
 
     typed, rebuilt = commands((each, None) for each in settings)
     assert typed == []
@@ -101,15 +102,37 @@ def test_matrix_and_commands_train_the_shipped_runs(tmp_path):
     encoders = {record.id: record.settings for record in results.scan("encoder")[0]}
     settings = [record.settings for record in records]
     wanted = {record.id for record in records}
-    assert runs_by_matrix(matrix(settings, encoders), results, tmp_path / "m.toml") == wanted
+    assert runs_by_matrix(matrix(settings, encoders, {}), results, tmp_path / "m.toml") == wanted
     _, rebuilt = commands((each, None) for each in settings)
     assert set().union(*(runs_by_command(line, results) for line in rebuilt)) == wanted
+
+
+def test_encoder_of_each_agent_is_trained_on_its_dataset(tmp_path):
+    results = Results(tmp_path / "results")
+    typed = (
+        "tasks = ['face_direction']\nalgos = ['td3']\nrepresentations = ['pca3']\nseeds = '0-1'\n"
+        "steps = 20000\nencoder.seed = 'each'\ndataset.steps = 20000\ndataset.seed = 3\n"
+    )
+    (tmp_path / "typed.toml").write_text(typed)
+    (cell,) = matrix_cells(read_matrix(str(tmp_path / "typed.toml")), results)
+    settings = [run.values for run in cell.runs]
+    encoders = {encoder.id: encoder.values for encoder in cell.encoders}
+    assert cell.dataset is not None
+    known = {cell.dataset.id: cell.dataset.values}
+
+    text = matrix(settings, encoders, known)
+    assert runs_by_matrix(text, results, tmp_path / "m.toml") == {run.id for run in cell.runs}
+    lost = f"# Encoders learned from {cell.dataset.id}, whose steps are not known: add them."
+    assert lost not in text
+    assert lost in matrix(settings, encoders, {}).splitlines()
+    lost = f"# The options of {cell.runs[0].encoder} are not known: add them."
+    assert lost in matrix(settings, {}, {}).splitlines()
 
 
 def test_parts_name_shared_values_once_and_tasks_together(tmp_path):
     runs = [run.values for run in made(tmp_path)]
     chosen = [run for run in runs if run["algo"] == "td3" and run["engine"] == "batched"]
-    text = matrix(chosen, {})
+    text = matrix(chosen, {}, {})
     assert text.count("[[part]]") == 2
     assert text.count("learning_starts") == 1
     assert 'tasks = ["face_direction", "move_to_pose"]' in text
@@ -118,7 +141,7 @@ def test_parts_name_shared_values_once_and_tasks_together(tmp_path):
 def test_values_that_toml_does_not_have_are_written_as_toml(tmp_path):
     rule = next(run for run in made(tmp_path) if run.algo == "jbench.rules:SAC").values
     unusual = {"bound": None, "bounds": [None, 2.5e-7], "": "null of \u2028"}
-    text = matrix([{**rule, "hyperparameters": unusual}], {})
+    text = matrix([{**rule, "hyperparameters": unusual}], {}, {})
     (part,) = tomllib.loads(text)["part"]
     written = {"bound": "null", "bounds": ["null", 2.5e-7], "": "null of \u2028"}
     assert part["hyperparameters"] == {"jbench.rules:SAC": written}
@@ -130,7 +153,7 @@ def test_values_that_toml_does_not_have_are_written_as_toml(tmp_path):
 
 def test_recorded_commands_stand_as_typed_and_other_programs_are_comments():
     td3 = read_run({"engine": "cpu", "task": "a\nb", "algo": "x", "representation": "full"})
-    assert "# 1 runs of a b x full were trained by another program" in matrix([td3.values], {})
+    assert "# 1 runs of a b x full were trained by another program" in matrix([td3.values], {}, {})
     words = ["/home/ada/bin/jbench", "train", "--set", "hidden_layers=[8, 8]"]
     loop = ["/home/ada/loop.py", "--fast"]
     typed, rebuilt = commands([(td3.values, words), (td3.values, loop), (td3.values, words)])

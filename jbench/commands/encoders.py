@@ -109,7 +109,7 @@ def train_encoder(
         base=settings,
         latent=latent,
         tasks=names.TASKS if task == "all" else (task,),
-        seeds=names.parse_numbers(seed),
+        seeds=names.parse_numbers(seed, "--seed"),
     )
     # Wrong requests are refused before a dataset is missed.
     _planned(wanted, None)

@@ -123,6 +123,7 @@ def render(
     from jbench.rendering.episode import Scene
     from jbench.rendering.write import default_size, render_to_file
     from jbench.tasks.find import find_task
+    from jbench.tasks.pictures import FREE
 
     database, policy, task = _find(results, policy, task, augment)
     task = task or "move_to_pose"
@@ -130,7 +131,7 @@ def render(
     if failure is not None and about.has_physics:
         raise failure
     if camera is not None and about.cameras is not None:
-        names.known("camera", camera, about.cameras)
+        names.known("camera", camera, (*about.cameras, FREE))
 
     length = about.episode_steps
     steps = length if steps is None else steps

@@ -104,6 +104,10 @@ def report(
         other = "--json" if json else "--curves"
         raise RequestError(f"--watch and {other} exclude each other; type one of them.")
 
+    columns_of_table = None
+    if table_columns is not None:
+        columns_of_table = tuple(parsing.comma_separated(table_columns))
+
     typed = [word for word in sys.argv[1:] if word not in ("--json", "--watch")]
     request = validated(
         Request,
@@ -114,7 +118,7 @@ def report(
         compare=compare,
         curves=curves,
         names=names_typed(names_),
-        table_columns=table_columns and tuple(map(str.strip, table_columns.split(","))),
+        table_columns=columns_of_table,
         watched=watch,
         command=shlex.join(["jbench", *typed]),
         **chosen,

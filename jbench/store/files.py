@@ -116,7 +116,7 @@ def check_output(path: Path, option: str = "--out") -> None:
     make_directory(path.parent, option)
     if path.exists() and not path.is_file():
         what = "a directory" if path.is_dir() else "not a plain file"
-        raise RequestError(f"--out {path} is {what}; name a file.")
+        raise RequestError(f"{option} {path} is {what}; name a file.")
 
 
 def write_atomic(path: Path, content: bytes) -> None:

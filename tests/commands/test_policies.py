@@ -58,7 +58,7 @@ def test_render_writes_reported_file(augmented, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--camera", "sky"), "Unknown camera 'sky'; choose"),
+        (("--camera", "sky"), "choose overhead, tracking, ego, spectator or free."),
         (("--out", "film.avi"), r"\.mp4.*\.gif.*\.png"),
         (("--augment", "-1"), "'--augment': '-1': type a whole number, such as 0"),
     ],

@@ -44,6 +44,7 @@ from tests.documentation import ROOT
         (("train", "--encoder-seeds", "each"), "not for --encoder none: leave it out."),
         (("collect", "--task", "gym:Pendulum-v1", "--augment", "1"), "leave --augment out."),
         (("collect", "--seed", "-1"), "'-1': type a whole number, such as 0, 200 or 10k"),
+        (("train-dae", "--seed", "x"), "--seed x: type seeds like 0-9"),
         (("train-dae", "--batch", "0"), "batch of dae can't be 0: it should be greater than or"),
         (("train", "--final-episodes", "0"), "'0': type a positive whole number, such as"),
         (("train", "--checkpoint-every", "1m"), "'1m': type a number of at least 0, such as"),

@@ -91,6 +91,8 @@ def test_unknown_column_or_name_is_refused_before_anything_is_written(fabric, ou
     add_runs(fabric, seeds=1)
     assert report(fabric, out, "--table-columns", "mean") == 2
     assert "there is no such column; type all, or some of task, " in capsys.readouterr().err
+    assert report(fabric, out, "--table-columns", "") == 2
+    assert "--table-columns : there is no such column; type all," in capsys.readouterr().err
     assert report(fabric, out, "--names", "six=ours") == 2
     assert "the report has no six; it has dae4, full." in capsys.readouterr().err.replace(
         "full, dae4", "dae4, full"

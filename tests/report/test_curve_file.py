@@ -297,7 +297,7 @@ def test_episodes_that_end_at_one_step_are_exported_as_their_mean(fabric, tmp_pa
         (["--curves", "c.json"], "No run has evaluation returns; type --returns training."),
         (["--curves", "c.json", "--format", "onnx"], "--format is not for --curves"),
         (["--returns", "training"], "--returns is not for minari"),
-        (["--curves", "."], "is a directory"),
+        (["--curves", "."], "--curves . is a directory; name a file."),
     ],
 )
 def test_bad_export_is_refused(typed, says, fabric, tmp_path, monkeypatch, capsys):

@@ -16,6 +16,7 @@ from jbench.wording import counted, with_results
 
 if TYPE_CHECKING:
     from jbench.store import Record, Results
+    from jbench.store.verify import Verified
     from jbench.training.present import OtherCode
     from jbench.training.repeated_rows import Repeated
 
@@ -38,29 +39,11 @@ def verify(
     if reevaluate:
         os.environ.update(ONE_THREAD)  # as in training, before libraries are imported
 
-    from jbench.store.shipped import LEFT_OUT
     from jbench.store.verify import verify as check
 
     database = parsing.results_to_read(results)
     checked = check(database, threads, partial(output.progress, "verify", unit="folders"))
-    for (kind, id), flaws in groupby(checked.findings, lambda flaw: (flaw.kind, flaw.id)):
-        output.say(f"{kind} {id}")
-        for flaw in flaws:
-            output.say(f"  {'Warning: ' if flaw.sort == 'warning' else ''}{flaw}")
-
-    if not (checked.records or checked.findings):
-        output.say(f"There are no records in {results}, so nothing was checked.")
-    else:
-        output.say(
-            f"Checked {counted(checked.records, 'record')}, {counted(checked.files, 'file')}, "
-            f"{checked.bytes / 1e6:,.1f} MB: "
-            f"{output.tally(flaw.sort for flaw in checked.findings) or 'all of them intact'}."
-        )
-
-    if checked.left_out:
-        count = counted(checked.left_out, "run")
-        output.say(f"Not checked: the policy of {count}, which {LEFT_OUT}.")
-
+    _show_checked(checked, results)
     others = _show_other_code(database)
     repeated = _reevaluate_all(database, accept_changed_code) if reevaluate else []
     document = checked._asdict() | {"findings": [flaw._asdict() for flaw in checked.findings]}
@@ -84,6 +67,29 @@ def verify(
         raise WorkError(f"{count} have other returns than recorded; see above.")
     if reevaluate and not compared:
         raise WorkError("No run could be compared with its last evaluation.")
+
+
+def _show_checked(checked: "Verified", results: Path) -> None:
+    """Prints the flaws of records, and how much was checked."""
+    from jbench.store.shipped import LEFT_OUT
+
+    for (kind, id), flaws in groupby(checked.findings, lambda flaw: (flaw.kind, flaw.id)):
+        output.say(f"{kind} {id}")
+        for flaw in flaws:
+            output.say(f"  {'Warning: ' if flaw.sort == 'warning' else ''}{flaw}")
+
+    if not (checked.records or checked.findings):
+        output.say(f"There are no records in {results}, so nothing was checked.")
+    else:
+        output.say(
+            f"Checked {counted(checked.records, 'record')}, {counted(checked.files, 'file')}, "
+            f"{checked.bytes / 1e6:,.1f} MB: "
+            f"{output.tally(flaw.sort for flaw in checked.findings) or 'all of them intact'}."
+        )
+
+    if checked.left_out:
+        count = counted(checked.left_out, "run")
+        output.say(f"Not checked: the policy of {count}, which {LEFT_OUT}.")
 
 
 def _show_other_code(database: "Results") -> list["OtherCode"]:

@@ -9,8 +9,8 @@ from jbench.report.numbers import signed, texts
 from jbench.statistics.sequential import BLOCK, ERROR_RATE
 from jbench.store import Results
 from jbench.studies.deciding import MARGIN, decided_word
+from jbench.studies.entries import read_entries
 from jbench.studies.matrix import Parts
-from jbench.studies.study import read_entries
 from jbench.sweeps import deciding
 from jbench.sweeps.cell import Cell, all_runs
 from jbench.training.status import failures_among, run_statuses

@@ -45,8 +45,8 @@ from jbench.settings.records import (
 )
 from jbench.settings.run import RunSettings
 from jbench.store.manifest import Manifest
+from jbench.studies.entries import Entry
 from jbench.studies.matrix import COMPARISON, PART, Matrix
-from jbench.studies.study import Entry
 
 DOCUMENTS: Mapping[str, type[Document]] = {
     "error": Error,

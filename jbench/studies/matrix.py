@@ -1,6 +1,6 @@
 """A matrix of runs: tasks, algorithms, representations and seeds, read from a TOML file.
 
-A file may consist of several parts, each a matrix, and list planned comparisons (`study.py`).
+A file may consist of several parts, each a matrix, and list planned comparisons (`entries.py`).
 Nothing heavy is imported here, since every report reads the shipped files.
 """
 

@@ -149,7 +149,7 @@ def _usual_dataset(run: RunSettings) -> str | None:
     """Returns the id of the dataset that a matrix makes for a run if it does not say which."""
     robot = JITTERBUG if run.specs is None else run.task
     try:
-        return DatasetSettings(robot=robot, specs=run.specs).id
+        return DatasetSettings.model_validate({"robot": robot, "specs": run.specs}).id
     except ValueError:  # the usual number of steps is not one of whole episodes of the robot
         return None
 
@@ -161,7 +161,7 @@ def _unknown_of_encoder(run: RunSettings, encoders: Recorded, datasets: Recorded
     """
     if run.encoder_draws is None:
         return ""
-    if run.encoder not in encoders:
+    if run.encoder is None or run.encoder not in encoders:
         return f"# The options of {run.encoder} are not known: add them."
 
     encoder = encoders[run.encoder]

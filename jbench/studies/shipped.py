@@ -4,8 +4,9 @@ from collections.abc import Collection
 from functools import cache
 
 from jbench.names import SWEEPS
+from jbench.studies.entries import Entry, read_entries
 from jbench.studies.matrix import read_matrix
-from jbench.studies.study import Entry, PlannedComparison, planned, read_entries
+from jbench.studies.study import PlannedComparison, planned
 
 
 def shipped_studies(tasks: Collection[str] | None = None) -> dict[str, list[PlannedComparison]]:

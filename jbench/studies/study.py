@@ -3,18 +3,16 @@
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Annotated, Any, Literal
-
-from pydantic import BeforeValidator, Field
 
 from jbench.errors import RequestError
-from jbench.names import FULL, MAX_SEEDS, Base, features_in, kind_in, known
-from jbench.settings.base import Count, Seed, Settings, canonical_json, validated, whole
+from jbench.names import FULL, MAX_SEEDS, features_in, kind_in, known
+from jbench.settings.base import canonical_json
 from jbench.settings.recorded import SEED, alike, with_implied
-from jbench.statistics.sequential import BLOCK, ERROR_RATE
+from jbench.statistics.sequential import ERROR_RATE
 from jbench.studies.arms import Arm, arms, short_name
-from jbench.studies.file import named, read_file, tables
-from jbench.studies.matrix import COMPARISON, Parts, encoder_seed
+from jbench.studies.entries import Claim, Entry, Side
+from jbench.studies.file import named
+from jbench.studies.matrix import Parts
 from jbench.studies.quantities import SPEED
 
 SCALED = "scaled"
@@ -22,49 +20,6 @@ RAW = "raw"  # the observation in SI units
 
 BASELINES = (FULL, SCALED)
 """Representations that reduce nothing, without and with the encoders' scaling of inputs."""
-
-Claim = Literal["a", "c"]
-"""What is compared: `FINAL_RETURN` (a) or `SPEED` (c), by the letters of their claims."""
-
-_Count = Annotated[Count, BeforeValidator(whole)]
-
-
-class SideEncoder(Settings):
-    """The table encoder of a side."""
-
-    seed: Annotated[Seed | Literal["each"], BeforeValidator(encoder_seed)]
-
-
-class Side(Settings):
-    """A side of an entry, if it is a table; `docs/deciding.md` explains the keys."""
-
-    representation: str
-    settings: Base | None = None
-    hyperparameters: dict[str, Any] = Field(default_factory=dict)
-    encoder: SideEncoder | None = None
-
-
-def _as_side(value: Any) -> Any:
-    """Returns a side of a comparison as a table; a text is its representation."""
-    return {"representation": value} if isinstance(value, str) else value
-
-
-_Side = Annotated[Side, BeforeValidator(_as_side, json_schema_input_type=str | Side)]
-
-
-class Entry(Settings):
-    """An entry of the key `comparison` of a file; `docs/deciding.md` explains the keys."""
-
-    task: str
-    algo: str
-    first: _Side
-    second: _Side
-    settings: Base | None = None
-    hyperparameters: dict[str, Any] = Field(default_factory=dict)
-    steps: _Count | None = None
-    claim: Claim = "a"
-    share: Annotated[float, Field(gt=0)] = 0.0  # of the error rate; 0 until the rest is divided
-    max_seeds: Annotated[_Count, Field(multiple_of=BLOCK)] = 0  # 0 for the usual number
 
 
 @dataclass(frozen=True)
@@ -100,33 +55,6 @@ class PlannedComparison:
         ours = dict.fromkeys((self.first.representation, self.first.short_name))
         theirs = dict.fromkeys((self.second.representation, self.second.short_name))
         return [*ours, *(f"{first}/{second}" for first, second in product(ours, theirs))]
-
-
-def read_entries(name: str) -> dict[str, Entry]:
-    """Returns the comparisons that a file lists, by their names in errors.
-
-    Those without a share of the error rate get equal shares of the rest. Raises a RequestError if
-    an entry is invalid, or the shares add up to more than the error rate.
-    """
-    entries = {}
-    for where, table in tables(name, read_file(name), COMPARISON).items():
-        with named(where):
-            entries[where] = validated(Entry, f"[[{COMPARISON}]]", **table)
-
-    given = sum(entry.share for entry in entries.values())
-    rest = sum(not entry.share for entry in entries.values())
-    if given > ERROR_RATE + 1e-9 or (rest and given > ERROR_RATE - 1e-9):
-        left = f", and {rest} without a share need a rest" if rest else ""
-        raise RequestError(
-            f"{name}: the shares of the comparisons add up to {given:g}{left}; together they have "
-            f"{ERROR_RATE:g}, so write smaller ones."
-        )
-
-    equal = (ERROR_RATE - given) / max(1, rest)
-    return {
-        where: entry.model_copy(update={"share": entry.share or equal})
-        for where, entry in entries.items()
-    }
 
 
 def planned(

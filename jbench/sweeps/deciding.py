@@ -14,16 +14,10 @@ from jbench.statistics.step_down import Decision
 from jbench.store import Record, Results
 from jbench.store.evaluations import added_returns, evaluation_returns
 from jbench.studies.deciding import Returns, decide
+from jbench.studies.entries import Claim, Entry
 from jbench.studies.matrix import Parts
 from jbench.studies.quantities import SPEED
-from jbench.studies.study import (
-    Claim,
-    Entry,
-    PlannedComparison,
-    chosen,
-    planned,
-    with_baselines,
-)
+from jbench.studies.study import PlannedComparison, chosen, planned, with_baselines
 from jbench.sweeps.cell import Cell, with_runs
 
 

@@ -11,8 +11,8 @@ import pytest
 
 from jbench.errors import RequestError
 from jbench.store import Results, schema
+from jbench.studies.entries import read_entries
 from jbench.studies.matrix import only, read_matrix
-from jbench.studies.study import read_entries
 from jbench.sweeps import deciding
 from jbench.sweeps.cell import matrix_cells
 from jbench.sweeps.deciding import comparisons

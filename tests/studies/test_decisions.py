@@ -7,8 +7,9 @@ import pytest
 
 from jbench.report.analysis.decisions import decision_frame, planned_comparisons
 from jbench.studies.deciding import decide
+from jbench.studies.entries import read_entries
 from jbench.studies.matrix import read_matrix
-from jbench.studies.study import planned, read_entries
+from jbench.studies.study import planned
 from jbench.sweeps import deciding
 from jbench.sweeps.cell import matrix_cells
 from tests.report.conftest import FabricatedResults, evaluations

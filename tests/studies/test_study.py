@@ -7,9 +7,10 @@ from jbench.names import SWEEPS, TASKS
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.run import RunSettings
 from jbench.studies.arms import arms, run_key
+from jbench.studies.entries import read_entries
 from jbench.studies.matrix import only, read_matrix
 from jbench.studies.shipped import shipped_studies
-from jbench.studies.study import planned, read_entries, with_baselines
+from jbench.studies.study import planned, with_baselines
 
 STUDY = """
 tasks = ["face_direction"]

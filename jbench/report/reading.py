@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 import pandas as pd
 
 from jbench.errors import NothingYetError, RequestError, WorkError
-from jbench.names import RETURNS
+from jbench.names import RETURNS, is_reference
 from jbench.report import policies
 from jbench.report.analysis import compare
 from jbench.report.analysis.claim_frame import claim_frame, published_findings
@@ -33,7 +33,8 @@ def read(results: Results | None, request: Request) -> tuple[Source, Pairs]:
 
     Raises:
         NothingYetError: if there are no runs, or no run has an episode.
-        RequestError: if a file can't be read, or two sides have nothing to compare.
+        RequestError: if a file can't be read, two sides have nothing to compare, or the shipped
+            runs are to be added to themselves.
         WorkError: if there are runs but none can be read.
     """
     if request.curves is not None:
@@ -46,6 +47,9 @@ def read(results: Results | None, request: Request) -> tuple[Source, Pairs]:
         source, pairs = _compared(ours, theirs, request)
         _note_shared(source)
         return source, pairs
+
+    if request.reference and is_reference(results.path):  # each of its runs would count twice
+        raise RequestError("--reference adds the runs that --results reference has; leave it out.")
 
     source = own = sources.own_and_imported(results, request)
     if request.reference:

@@ -13,6 +13,7 @@ from jbench.report.frames import Frames
 from jbench.report.request import Request
 from jbench.settings.base import validated
 from jbench.store import Results
+from jbench.store.shipped import shipped_results
 from tests.store.store_rows import alter_manifest
 
 FLAT = np.full(40, 500.0)
@@ -295,6 +296,10 @@ class TestReference:
         # The date selects the user's own runs.
         later = Request(since="2999-01-01")
         assert len(sources.reference(later, shipped.results).configurations) == 2
+
+    def test_shipped_runs_are_not_added_to_themselves(self):
+        with pytest.raises(RequestError, match="that --results reference has; leave it out"):
+            Frames(shipped_results(), Request(reference=True))
 
     def test_missing_reference_runs_are_noted(self, tmp_path):
         for directory in (tmp_path / "nowhere", tmp_path):

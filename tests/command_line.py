@@ -44,8 +44,9 @@ class Process(Forked):
         self._out, self._err = tempfile.TemporaryFile("w+"), tempfile.TemporaryFile("w+")  # noqa: SIM115
         with open("/dev/null") as nothing:
             streams = [file.fileno() for file in (nothing, self._out, self._err)]
-            channel = server(SHORT if short else EPISODE_STEPS)
-            super().__init__(channel, target, arguments, streams, cwd=cwd, session=True)
+            steps = SHORT if short else EPISODE_STEPS
+            where = {"cwd": cwd, "session": True, "episode_steps": steps}
+            super().__init__(server(), target, arguments, streams, **where)
 
     def communicate(self, timeout=None):
         """Waits until the process ends; returns its standard output and standard error."""

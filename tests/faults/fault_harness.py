@@ -3,13 +3,13 @@
     python -m tests.faults.fault_harness '{"verbs": {"collect": 8, "merge": null}}'
 
 A number is that of faults drawn at random; null means all. "every_error": true tries each call with
-each error, and "calls": [...] names the kinds of calls that fail.
+each error, and "calls": [...] names the kinds of calls that fail. Tests start `main` as a process.
 
 For each command that writes, one run without a fault counts its calls below the results directory.
 Then, for the k-th call of each kind and each errno (or one, alternating), the command starts from
 the same results with that fault, and its output and results are checked; see `problems`. Commands
 and their workers are processes forked from this one, which has imported all modules. Episodes have
-20 control steps.
+`EPISODE` control steps.
 
 It prints a JSON line for each case: {"verb", "call", "fault", "code", "problems"}.
 """
@@ -25,8 +25,6 @@ import sys
 import tempfile
 from pathlib import Path
 
-from tests.faults import short_episodes  # isort: skip  # noqa: F401 - before others copy it
-
 import pyarrow as pa
 
 from jbench.datasets import fixed
@@ -39,7 +37,11 @@ from jbench.training import engines
 from tests.faults.fault_injection import CALLS, Fault
 from tests.faults.fault_verbs import FILES, VERBS
 from tests.faults.forked_commands import ForkedWorker, run_command
-from tests.forking import import_all
+from tests.fork_server import import_all
+from tests.short_episodes import shorten_episodes
+
+EPISODE = 20
+"""Control steps of an episode."""
 
 LASTING = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 """Persistent errors: each is tried once alone, and once with all later calls failing."""
@@ -171,8 +173,7 @@ def cases(verbs, calls, every_error, folder):
 
 def run(request):
     """Runs the cases of a request; yields a dictionary for each."""
-    os.environ |= {"MUJOCO_GL": "disable", "OMP_NUM_THREADS": "1"}
-    import_all()
+    shorten_episodes(steps=EPISODE)
     engines.seconds_per_step = lambda *_, **__: 1e-3
     executors.subprocess = type("Forking", (), {"Popen": ForkedWorker, "PIPE": -1})
     fixed.PART_EPISODES = 4
@@ -185,7 +186,15 @@ def run(request):
             yield {**about, "problems": list(problems(name, ended, path, expected))}
 
 
-if __name__ == "__main__":
-    for case in run(json.loads(sys.argv[1])):
+def main(request):
+    """Prints the cases of a request; returns the exit code."""
+    for case in run(request):
         print(json.dumps(case), flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    os.environ |= {"MUJOCO_GL": "disable", "OMP_NUM_THREADS": "1"}
+    import_all()
+    main(json.loads(sys.argv[1]))
     os._exit(0)  # at a normal exit, DuckDB prints a page of errors

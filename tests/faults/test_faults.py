@@ -4,13 +4,11 @@ The repeated command must have the results of a command without a fault.
 """
 
 import json
-import subprocess
-import sys
 from collections import Counter
 
 import pytest
 
-from tests.forking import ROOT
+from tests.command_line import Process
 
 SAMPLE = {"collect": 1, "merge": 2}
 """Number of faults of each command."""
@@ -33,10 +31,10 @@ VERBS = (*LARGER_SAMPLE, "sweep", "report")
 
 def run_cases(verbs):
     """Runs the harness; returns its cases, none of which has problems."""
-    command = [sys.executable, "-m", "tests.faults.fault_harness", json.dumps({"verbs": verbs})]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    cases = [json.loads(line) for line in done.stdout.splitlines()]
+    process = Process("tests.faults.fault_harness:main", {"verbs": verbs})
+    printed, errors = process.communicate()
+    assert process.returncode == 0, errors
+    cases = [json.loads(line) for line in printed.splitlines()]
     assert [case for case in cases if case["problems"]] == []
     return cases
 

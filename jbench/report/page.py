@@ -4,9 +4,10 @@ import base64
 import hashlib
 from collections.abc import Sequence
 from dataclasses import asdict
+from functools import cache
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 from matplotlib.markers import MarkerStyle
 
@@ -36,23 +37,9 @@ def render(frames: Frames, made: Sequence[Chart]) -> str:
     Its policy allows only its own style and script, so that a text in the results can't become a
     script and nothing is loaded or sent. It is readable without scripts.
     """
-    loader = PackageLoader("jbench.report")
-    environment = Environment(
-        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True
-    )
-    environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "ensure_ascii": False}
-    policy = "default-src 'none'; img-src data:; base-uri 'none'; form-action 'none'"
-    assets: dict[str, Markup] = {}
-    for kind, name in (("style", "style.css"), ("script", "page.js")):
-        assets[kind] = Markup(f"\n{loader.get_source(environment, name)[0]}")
-        digest = hashlib.sha256(assets[kind].encode()).digest()
-        policy += f"; {kind}-src 'sha256-{base64.b64encode(digest).decode()}'"
-
-    return environment.get_template("page.html.j2").render(
+    return _template().render(
         frames=frames,
         notes=notes(frames),
-        policy=policy,
-        **assets,
         title=_title(frames),
         charts={chart.name: chart for chart in made},
         panel_svgs=panel_svgs,
@@ -69,6 +56,24 @@ def render(frames: Frames, made: Sequence[Chart]) -> str:
         command=clean(frames.request.command),
         citation=CITATION if len(frames.published) else "",
     )
+
+
+@cache
+def _template() -> Template:
+    """Returns the template, which has the policy, the style and the script of each page."""
+    loader = PackageLoader("jbench.report")
+    environment = Environment(
+        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    )
+    environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "ensure_ascii": False}
+    policy = "default-src 'none'; img-src data:; base-uri 'none'; form-action 'none'"
+    assets: dict[str, str] = {}
+    for kind, name in (("style", "style.css"), ("script", "page.js")):
+        assets[kind] = Markup(f"\n{loader.get_source(environment, name)[0]}")
+        digest = hashlib.sha256(assets[kind].encode()).digest()
+        policy += f"; {kind}-src 'sha256-{base64.b64encode(digest).decode()}'"
+
+    return environment.get_template("page.html.j2", globals={"policy": policy, **assets})
 
 
 def _shown(table: Table) -> tuple[Table, str, list[Column], list[list[tuple[Any, str]]]]:

@@ -24,11 +24,11 @@ _DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
 on_linux = pytest.mark.skipif(sys.platform != "linux", reason="other systems have other backends")
 
 
+# `tasks/test_dm.py` draws this robot and others without a setting.
+@pytest.mark.slow
 @on_linux
 @pytest.mark.usefixtures("rendering")
-@pytest.mark.parametrize(
-    "switched_off", [{}, pytest.param({"MUJOCO_GL": "disable"}, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("switched_off", [{}, {"MUJOCO_GL": "disable"}])
 def test_environment_renders_without_display_or_setting(switched_off):
     unset = {*_DISPLAYS, "MUJOCO_GL", "PYOPENGL_PLATFORM"}
     kept = {name: value for name, value in os.environ.items() if name not in unset}

@@ -1,10 +1,12 @@
-"""Installs third-party packages by pip without a network."""
+"""Installs third-party packages as pip does, without its processes."""
 
+import json
 import os
 import shutil
-import subprocess
-import sys
+import zipfile
+from pathlib import Path
 
+from tests.command_line import Process
 from tests.documentation import ROOT, code_of
 
 
@@ -27,11 +29,25 @@ def install(name, page, module, tmp_path_factory, target=None, part=""):
     assert shown in (source / "pyproject.toml").read_text()
     (source / module).write_text(code_of(page, "python", part))
     target = target or tmp_path_factory.mktemp("site")
-    options = ("--no-index", "--no-build-isolation", "--no-deps", "--target", str(target))
-    subprocess.run(
-        [sys.executable, "-m", "pip", "install", "--quiet", *options, str(source)], check=True
-    )
+    build = Process("tests.commands.distributions:build", str(source), str(target))
+    done = build.finished()
+    assert done.returncode == 0, done.stderr
     return target
+
+
+def build(source, target):
+    """Builds the wheel of a distribution, and unpacks it into a folder of packages."""
+    from setuptools import build_meta
+
+    os.chdir(source)
+    name = build_meta.build_wheel(".")
+    with zipfile.ZipFile(name) as wheel:
+        wheel.extractall(target)
+    project, version, *_ = name.split("-")
+    came_from = {"dir_info": {}, "url": Path(source).as_uri()}
+    about = Path(target) / f"{project}-{version}.dist-info"
+    (about / "direct_url.json").write_text(json.dumps(came_from))
+    return 0
 
 
 def make_importable(site, patch):

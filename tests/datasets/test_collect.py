@@ -31,14 +31,15 @@ def test_bytes_do_not_depend_on_threads_or_length(tmp_path, collect_in_files_of,
 
 
 def test_progress_is_reported_while_a_file_is_simulated(tmp_path, monkeypatch):
+    shorten_episodes(monkeypatch.setattr, 100)
     monkeypatch.setattr(fixed, "REPORT_SECONDS", 0.001)
     seen = []
-    collect(DatasetSettings(steps=20_000), Results(tmp_path), 1, seen.append)
-    assert (seen[0], seen[-1]) == (0, 20_000)
+    collect(DatasetSettings(steps=2000), Results(tmp_path), 1, seen.append)
+    assert (seen[0], seen[-1]) == (0, 2000)
     assert seen == sorted(seen)
-    # A file has ten episodes of 1,000 control steps, and each of the two is reported on the way.
-    assert any(0 < steps < 10_000 for steps in seen)
-    assert any(10_000 < steps < 20_000 for steps in seen)
+    # A file has ten episodes of 100 control steps, and each of the two is reported on the way.
+    assert any(0 < steps < 1000 for steps in seen)
+    assert any(1000 < steps < 2000 for steps in seen)
 
 
 def test_dataset_in_use_by_other_process_is_refused(tmp_path, collect_in_files_of):

@@ -1,11 +1,11 @@
-"""Tests of results as data frames, on the shipped runs."""
+"""Tests of results as data frames: the shipped runs, those of the demo, and fabricated ones."""
 
 import numpy as np
 import pytest
 
 import jbench
 from jbench.errors import RequestError
-from tests.report.conftest import import_curves
+from tests.report.conftest import FabricatedResults, import_curves
 
 
 @pytest.fixture(scope="module")
@@ -62,12 +62,12 @@ def test_representation_may_be_typed_as_reports_show_it(shipped, typed):
     assert set(shipped.curves(**asked)["representation"]) == {"planar12"}
 
 
-def test_missing_representation_is_refused_with_those_that_there_are(shipped):
-    asked = {"task": "face_direction", "algo": "td3"}
-    with pytest.raises(RequestError, match=r"'pca7'; there are dae-yaw13, dae12, .*full"):
-        shipped.runs(**asked, representation="pca7")
-    by_two_names = [len(shipped.runs(**asked, representation=name)) for name in ("none", "full")]
-    assert by_two_names[0] == by_two_names[1] > 0
+def test_missing_representation_is_refused_with_those_that_there_are(demo_results):
+    opened = jbench.open(demo_results.path)
+    with pytest.raises(RequestError, match=r"'pca7'; there are dae14 and full\.$"):
+        opened.runs(representation="pca7")
+    by_two_names = [opened.runs(representation=name) for name in ("none", "full")]
+    assert [len(runs) for runs in by_two_names] == [2, 2]
 
 
 def test_representation_of_results_without_runs_is_refused(tmp_path):
@@ -77,10 +77,12 @@ def test_representation_of_results_without_runs_is_refused(tmp_path):
         opened.curves(representation="planar")
 
 
-def test_curves_name_the_settings_that_differ(shipped):
-    curves = shipped.curves(task="face_direction", algo="td3")
-    full = curves[curves["representation"] == "full"]
-    named = full.groupby("settings")[["precision", "engine"]].first()
+def test_curves_name_the_settings_that_differ(tmp_path):
+    fabric = FabricatedResults(tmp_path / "results")
+    for settings in ({}, {"precision": "bfloat16"}, {"engine": "sb3"}):
+        fabric.flat([500, 501], **{"engine": "batched", **settings})
+    curves = jbench.open(fabric.results.path).curves(returns="training")
+    named = curves.groupby("settings")[["precision", "engine"]].first()
     assert named.to_dict("index") == {
         "": {"precision": "float32", "engine": "batched"},
         "bfloat16": {"precision": "bfloat16", "engine": "batched"},

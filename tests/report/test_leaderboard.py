@@ -140,11 +140,13 @@ def test_algorithm_selects_hand_written_policies(fabric, directories, capsys):
     ("arguments", "sentence"),
     [
         (["nowhere"], "nowhere does not exist"),
-        (["reference", "--csv", "--markdown"], "exclude each other; type one of them"),
-        (["reference", "--task", "move_to_pose", "--algo", "td3"], "No run in reference has eval"),
-        (["reference", "--algo", "heuristic"], "No hand-written policy in reference has"),
+        (["results", "--csv", "--markdown"], "exclude each other; type one of them"),
+        (["results", "--task", "move_to_pose", "--algo", "td3"], "No run in results has eval"),
+        (["results", "--algo", "heuristic"], "No hand-written policy in results has"),
     ],
 )
-def test_command_refuses_invalid_arguments(arguments, sentence, capsys):
+def test_command_refuses_invalid_arguments(fabric, arguments, sentence, capsys, monkeypatch):
+    fabric.flat([500], evaluated={40_000: 500.0})
+    monkeypatch.chdir(fabric.results.path.parent)
     assert main(["leaderboard", *arguments]) == 2
     assert sentence in capsys.readouterr().err

@@ -4,6 +4,7 @@ Everything else asks the task, or the facts of the engine.
 """
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -42,8 +43,17 @@ def is_question(node):
     return is_none and last_name(node.left) == "specs"
 
 
-def questions(source):
-    return [node.lineno for node in ast.walk(ast.parse(source)) if is_question(node)]
+def questions(nodes):
+    return [node.lineno for node in nodes if is_question(node)]
+
+
+@cache
+def modules():
+    """Returns all nodes of each module by its file."""
+    return {
+        path.relative_to(JBENCH).as_posix(): [*ast.walk(ast.parse(path.read_text()))]
+        for path in JBENCH.rglob("*.py")
+    }
 
 
 @pytest.mark.parametrize(
@@ -56,16 +66,15 @@ def questions(source):
     ],
 )
 def test_question_is_found(question):
-    assert questions(f"if {question}:\n    pass") == [1]
-    assert questions("for task in TASKS:\n    pass") == []
+    assert questions(ast.walk(ast.parse(f"if {question}:\n    pass"))) == [1]
+    assert questions(ast.walk(ast.parse("for task in TASKS:\n    pass"))) == []
 
 
 def test_only_tasks_and_settings_ask_which_robot_it_is():
     found = {
-        str(path.relative_to(JBENCH)): lines
-        for path in JBENCH.rglob("*.py")
-        if not str(path.relative_to(JBENCH)).startswith(MAY_ASK)
-        and (lines := questions(path.read_text()))
+        name: lines
+        for name, nodes in modules().items()
+        if not name.startswith(MAY_ASK) and (lines := questions(nodes))
     }
     assert found == {}
 
@@ -73,9 +82,8 @@ def test_only_tasks_and_settings_ask_which_robot_it_is():
 def test_few_files_know_the_jitterbug():
     found = {
         name
-        for path in JBENCH.rglob("*.py")
-        if not (name := str(path.relative_to(JBENCH))).startswith("tasks/")
-        and "jbench.tasks.jitterbug" in imported(path.read_text())
+        for name, nodes in modules().items()
+        if not name.startswith("tasks/") and "jbench.tasks.jitterbug" in imported(nodes)
     }
     assert found == KNOW_THE_JITTERBUG
 
@@ -90,14 +98,13 @@ def asks_for_engine(node):
 def test_few_files_ask_which_engine_it_is():
     found = {
         name
-        for path in JBENCH.rglob("*.py")
-        if not (name := str(path.relative_to(JBENCH))).startswith("settings/")
-        and any(map(asks_for_engine, ast.walk(ast.parse(path.read_text()))))
+        for name, nodes in modules().items()
+        if not name.startswith("settings/") and any(map(asks_for_engine, nodes))
     }
     assert found == MAKE_AN_AGENT
 
 
-def imported(source):
+def imported(nodes):
     """Returns the packages of the modules that a file imports from."""
-    modules = [n.module for n in ast.walk(ast.parse(source)) if isinstance(n, ast.ImportFrom)]
-    return {".".join(module.split(".")[:3]) for module in modules if module}
+    names = [node.module for node in nodes if isinstance(node, ast.ImportFrom)]
+    return {".".join(name.split(".")[:3]) for name in names if name}

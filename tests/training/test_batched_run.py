@@ -242,6 +242,7 @@ def test_speed_is_measured_with_the_updates_of_a_run(
         return made[-1]
 
     monkeypatch.setattr(engines, "make_trainer", make_and_keep)
+    monkeypatch.setattr(engines, "_STEPS", 10)  # of the robots without an agent
     # A clock that counts updates.
     counted = seconds_per_step([run], clock=lambda: made[0].updates if made else 0)
     assert counted == pytest.approx(updates, rel=1e-3)

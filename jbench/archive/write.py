@@ -79,7 +79,7 @@ def write_archive(results: Results, out: Path, blind: bool = False) -> Archived:
         if faults := verify(target, 1).faults:
             raise WorkError(f"The archive would be damaged: {faults[0]}")
         write_report(target, root / "report", Request(claims=_has_claims(records)))
-        datasets = _settings_of_datasets(results, blinder)
+        datasets = settings_of_datasets(results, blinder)
         _write_texts(root, target, _lines(left_out, blinder), datasets)
         content = _zipped(root)
 
@@ -149,7 +149,7 @@ def _copy(record: Record, target: Results, blinder: Blinder | None) -> None:
         copied.begin(blinder.manifest(record, tuple(entries)))
 
 
-def _settings_of_datasets(results: Results, blinder: Blinder | None) -> dict[str, Any]:
+def settings_of_datasets(results: Results, blinder: Blinder | None) -> dict[str, Any]:
     """Returns the settings of datasets by id, as encoders in the archive call it.
 
     An archive has no datasets, but its matrix makes them again.

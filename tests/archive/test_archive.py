@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 from jbench.archive import blind, words
-from jbench.archive.write import leaks, write_archive
+from jbench.archive.write import leaks, settings_of_datasets, write_archive
 from jbench.errors import WorkError
 from jbench.settings.base import in_id, settings_hash
 from jbench.settings.records import EvaluationSettings
@@ -220,6 +220,20 @@ def test_task_of_a_namespace_has_a_number_in_ids():
     assert re.fullmatch(r"task-1/sac/full/s00-[0-9a-f]{8}", first)
     assert re.fullmatch(rf"task-1/{first.replace('/', '.')}/s00-[0-9a-f]{{8}}", second)
     assert looked_for >= {"quiet_lab", "riverside", "Kite-v0"}
+
+
+def test_datasets_are_known_by_the_ids_that_encoders_have_in_the_archive(tmp_path):
+    results = Results(tmp_path)
+    id = f"{in_id(KITE)}/random/s00-1"
+    settings = {"robot": KITE, "steps": 2000, "seed": 0}
+    results.create("dataset", id, settings)
+    encoder = record("encoder", f"{in_id(KITE)}/pca1/s00-2", task=KITE, dataset=id)
+    assert settings_of_datasets(results, None) == {id: settings}
+    blinder = blind.Blinder(set())
+    blinder.learn([encoder])
+    called = blinder.settings(encoder.settings)["dataset"]
+    assert called == "task-1/random/s00-1"
+    assert settings_of_datasets(results, blinder) == {called: settings}
 
 
 def test_tasks_of_gymnasium_keep_their_names():

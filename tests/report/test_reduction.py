@@ -139,8 +139,11 @@ def test_similar_comparison_passes_nothing_on():
             half = 10 * scipy.stats.norm.ppf((1 + confidence) / 2)
             return value - half, value + half
 
+        def p_value(shift):
+            return 2 * scipy.stats.norm.sf(abs(value + shift) / 10)
+
         estimate = Estimate(value, *interval(0.95))
-        return Comparison(FINAL_RETURN, {}, estimate, interval, decidable=True, margin=30)
+        return Comparison(FINAL_RETURN, {}, estimate, interval, p_value, decidable=True, margin=30)
 
     value = 10 * scipy.stats.norm.isf(0.03 / 2)
     family = [compared(0.0), compared(60 + value), compared(value)]
@@ -151,6 +154,22 @@ def test_similar_comparison_passes_nothing_on():
     judge(family)
     assert [one.judgment.word for one in family] == ["similar", "higher", "undecided"]
     assert family[2].judgment.low == pytest.approx(value - 10 * scipy.stats.norm.isf(0.0125))
+
+
+def test_permutation_test_confirms_a_verdict(fabric):
+    # Six seeds each, all higher: an exact test has a p-value of 2 / 924 = 0.0022.
+    names = [f"pca{latents}" for latents in range(2, 14)]
+    higher = [600.0 + seed for seed in range(6)]
+    equal = [100.0 + seed for seed in range(6)]
+    learn(fabric, {"full": equal, **dict.fromkeys(names[:1], higher)})
+    assert verdicts(fabric)["pca2", "full", "a"]["verdict"] == "higher"
+
+    # As one of 25 comparisons it needs 0.05 / 25 = 0.002, whatever its interval.
+    learn(fabric, dict.fromkeys(names[1:], equal) | {"scaled": equal})
+    row = verdicts(fabric)["pca2", "full", "a"]
+    assert row["corrected_low"] > 0
+    assert row["verdict"] == "undecided"
+    assert row["text"].endswith("; p = 0.0022, too large for a verdict")
 
 
 def test_listed_comparison_has_the_verdict_of_the_sequential_test(fabric):

@@ -1,7 +1,7 @@
 """Comparisons of configurations: two sides, methods, pairs."""
 
-from collections.abc import Collection, Mapping, Sequence
-from functools import partial
+from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import cache, partial
 from itertools import combinations
 from typing import Any
 
@@ -15,7 +15,8 @@ from jbench.report.data.source_names import FILE
 from jbench.settings.recorded import comparable
 from jbench.settings.variants import variant_labels
 from jbench.statistics import bootstrap as st
-from jbench.statistics.step_down import corrected_level
+from jbench.statistics.permutation import p_value
+from jbench.statistics.step_down import HasDirection, corrected_level
 from jbench.studies.deciding import margin
 from jbench.studies.quantities import FINAL_RETURN
 
@@ -99,12 +100,17 @@ def _compared(pairs: Sequence[Pair], known: Mapping[str, Range]) -> Comparison:
     for statistic, columns in _NUMBERS.items():
         names |= zip(columns, samples[statistic].estimate(), strict=False)
 
+    @cache
+    def p_of_difference(shift: float) -> float:
+        return p_value([scores + shift for scores in first], other)
+
     difference = samples[IQM_DIFFERENCE]
     return Comparison(
         FINAL_RETURN,
         names,
         difference.estimate(),
         difference.interval,
+        p_of_difference,
         decidable=all(pair.decidable for pair in pairs),
         margin=0.0 if ours.source == FILE else margin(ours.task),
     )
@@ -170,18 +176,23 @@ def pair_frame(configurations: Configurations, verdicts: pd.DataFrame) -> pd.Dat
 
     Only runs on the plain robot are paired, of at least `DECIDING_SEEDS` seeds each that were
     trained equally long. p has a 95% interval. decided is as in the verdicts on the same kind of
-    return; for other pairs, 0.5 has to be outside of an interval corrected for their number.
+    return; for other pairs, 0.5 has to be outside of an interval corrected for their number, and a
+    permutation test has to confirm it.
     """
     samples: dict[tuple[Configuration, Configuration], st.Resampled] = {}
+    decides: dict[tuple[Configuration, Configuration], HasDirection] = {}
     for pair in combinations((c for c in configurations if not c.robots), 2):
         # Resampled in an order of their own, so that the order on the page changes no number.
         first, other = sorted(pair, key=lambda c: (c.representation != FULL, c.representation))
         compared = Pair(first, other)
         is_alike = first.task == other.task and first.trained == other.trained
         if is_alike and compared.decidable:
-            samples[first, other] = compared.sample(st.probability_of_improvement)
+            sample = compared.sample(st.probability_of_improvement)
+            samples[first, other] = sample
+            p_of_improvement = cache(compared.p_value_of_improvement)
+            decides[first, other] = partial(_is_decided, sample, p_of_improvement)
 
-    level = corrected_level([partial(_is_decided, sample) for sample in samples.values()])
+    level = corrected_level([*decides.values()])
 
     final = verdicts[verdicts["claim"] == FINAL_RETURN.claim]
     names = map(frozenset, zip(final["configuration"], final["baseline"], strict=True))
@@ -191,7 +202,7 @@ def pair_frame(configurations: Configurations, verdicts: pd.DataFrame) -> pd.Dat
     for (first, other), sample in samples.items():
         p, low, high, _ = sample.estimate()
         key = frozenset((first.configuration, other.configuration))
-        decided = known.get(key, _is_decided(sample, 1 - level))
+        decided = known.get(key, decides[first, other](1 - level))
         both = (first, other, p, low, high), (other, first, 1 - p, 1 - high, 1 - low)
         for a, b, *numbers in both:
             labels = a.task, a.returns_name, a.configuration, b.configuration, a.label, b.label
@@ -200,7 +211,9 @@ def pair_frame(configurations: Configurations, verdicts: pd.DataFrame) -> pd.Dat
     return pd.DataFrame(rows, columns=PAIRS)
 
 
-def _is_decided(probability: st.Resampled, confidence: float) -> bool:
-    """Returns whether the interval of a probability decides which side is better."""
+def _is_decided(
+    probability: st.Resampled, p_of_improvement: Callable[[], float], confidence: float
+) -> bool:
+    """Returns whether the interval of a probability, and its test, decide which side is better."""
     low, high = probability.interval(confidence)
-    return not low <= 0.5 <= high
+    return not low <= 0.5 <= high and p_of_improvement() <= 1 - confidence

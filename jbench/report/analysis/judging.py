@@ -2,10 +2,12 @@
 
 A verdict rests on an interval at a level that Holm's step-down procedure gives (S. Holm, *A simple
 sequentially rejective multiple test procedure*, Scand. J. Statist. 6, 1979): 5% over the number of
-comparisons, then over the number of those in which neither number is larger, and so on.
+comparisons, then over the number of those in which neither number is larger, and so on. At these
+levels, bootstrap intervals of few seeds are too narrow. So a permutation test has to confirm the
+verdict at the same level; the procedure holds for its p-values, whatever the intervals are.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,6 +21,12 @@ from jbench.studies.quantities import FINAL_RETURN, Quantity
 SEQUENTIAL = "sequential test"
 """Origin of the verdicts of the group-sequential test."""
 
+PValue = Callable[[float], float]
+"""Gives the p-value of a difference after a number is added to the scores of the first side."""
+
+UNDECIDED = "undecided"
+SIMILAR = "similar"
+
 _TOO_FEW = f"fewer than {st.DECIDING_SEEDS} seeds"
 
 _MARKS = {
@@ -28,8 +36,8 @@ _MARKS = {
     "lower": "✗",
     "more variable": "✗",
     "slower": "✗",
-    "similar": "=",
-    "undecided": "?",
+    SIMILAR: "=",
+    UNDECIDED: "?",
 }
 """A check mark speaks for the first of two configurations."""
 
@@ -61,6 +69,7 @@ class Comparison:
         names: columns that name what is compared.
         estimate: the number with its 95% interval.
         interval: the ends of its interval by confidence.
+        p_value: of the permutation test.
         decidable: whether there are enough seeds for a verdict.
         margin: final returns that differ by less are similar; 0 if none are.
         judgment: None until it is judged.
@@ -70,6 +79,7 @@ class Comparison:
     names: Mapping[str, Any]
     estimate: st.Estimate
     interval: Interval = field(repr=False)
+    p_value: PValue = field(repr=False)
     decidable: bool
     margin: float
     judgment: Judgment | None = None
@@ -96,23 +106,29 @@ class Comparison:
             "text": judgment.text,
         }
 
-    def word(self, low: float, high: float) -> str:
-        """Returns the verdict that an interval gives."""
+    def word(self, confidence: float) -> str:
+        """Returns the verdict of the interval at a confidence, if the permutation test agrees."""
+        low, high = self.interval(confidence)
+        level = 1 - confidence
         if self.quantity is FINAL_RETURN and low > -self.margin and high < self.margin:
-            return "similar"
-        if low > 0:
-            return self.quantity.larger
-        if high < 0:
-            return self.quantity.smaller
-        return "undecided"
+            return SIMILAR if self._p_of_similarity() <= level else UNDECIDED
+        if low <= 0 <= high or np.isnan(low) or self.p_value(0.0) > level:
+            return UNDECIDED
+        return self.quantity.larger if low > 0 else self.quantity.smaller
+
+    def _p_of_similarity(self) -> float:
+        """Returns the larger p-value of two tests: that the difference is beyond the margin."""
+        return max(self.p_value(shift) for shift in (-self.margin, self.margin))
 
     def has_direction(self, confidence: float) -> bool:
-        """Returns whether the interval at a confidence tells which number is larger."""
-        return self.word(*self.interval(confidence)) in self.quantity.directions
+        """Returns whether the verdict at a confidence tells which number is larger."""
+        return self.word(confidence) in self.quantity.directions
 
     def _text(self, word: str, low: float, high: float, by: str) -> str:
         """Returns a verdict in words, with the difference that it rests on."""
         text = self._number(low, high, by)
+        if word == UNDECIDED and by != SEQUENTIAL and (low > 0 or high < 0):
+            return f"{word}: {text}; p = {self.p_value(0.0):.2g}, too large for a verdict"
         if self.quantity is not FINAL_RETURN or word not in FINAL_RETURN.directions:
             return f"{word}: {text}"
         if self.margin and np.isfinite([low, high]).any():
@@ -156,6 +172,6 @@ def judge(family: Sequence[Comparison]) -> None:
     for comparison in family:
         low, high = comparison.interval(1 - level)
         if comparison.decidable:
-            comparison.conclude(comparison.word(low, high), low, high, by)
+            comparison.conclude(comparison.word(1 - level), low, high, by)
         else:
-            comparison.conclude("undecided", low, high, _TOO_FEW)
+            comparison.conclude(UNDECIDED, low, high, _TOO_FEW)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.stats import rankdata
 
 from jbench.report.data.common_steps import means_over_run
 from jbench.report.data.configuration import ID, Configuration, in_order
@@ -20,6 +21,7 @@ from jbench.returns import EVALUATION
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
 from jbench.statistics.agents import difference
+from jbench.statistics.permutation import p_value
 from jbench.task_specs import return_range
 
 IQM_DIFFERENCE = st.difference(st.interquartile_mean)
@@ -109,6 +111,33 @@ class Pair:
         """Returns a statistic of the scores of both: `final`, or `area`."""
         groups = ([getattr(side, scores)] for side in self.scores)
         return st.samples([statistic], *groups)[0]
+
+    def p_value(self, scores: str = "final", shift: float = 0.0) -> float:
+        """Returns the p-value of the difference of means, by permutation.
+
+        Args:
+            scores: `final`, or `area`.
+            shift: added to the scores of the first configuration.
+        """
+        ours, theirs = (getattr(side, scores) for side in self.scores)
+        return p_value([ours + shift], [theirs])
+
+    def p_value_of_variability(self) -> float:
+        """Returns the p-value of the difference in variability, by permutation.
+
+        It compares mean absolute deviations from the median of each configuration, which a failed
+        seed moves less than a variance (M. B. Brown, A. B. Forsythe, *Robust tests for the equality
+        of variances*, J. Am. Stat. Assoc. 69, 1974).
+        """
+        ours, theirs = (np.abs(side.final - np.median(side.final)) for side in self.scores)
+        return p_value([ours], [theirs])
+
+    def p_value_of_improvement(self) -> float:
+        """Returns the p-value of the probability of improvement, by permutation of the ranks."""
+        first, other = (side.final for side in self.scores)
+        ranks = rankdata(np.concatenate([first, other]))
+        ours, theirs = np.split(ranks, [len(first)])
+        return p_value([ours], [theirs])
 
     def agents_difference(self, confidence: float = 0.95) -> st.Estimate:
         """Returns the difference of the standard deviations between agents."""

@@ -8,6 +8,7 @@ scaling and reduction together; `scaled` is the observation with the same scalin
 """
 
 from collections.abc import Sequence
+from functools import cache, partial
 
 import pandas as pd
 
@@ -95,8 +96,15 @@ def _comparison(quantity: Quantity, pair: Pair) -> Comparison:
             _, low, high, _ = pair.agents_difference(confidence)
             return low, high
 
-        return Comparison(quantity, names, estimate, interval, pair.decidable, similar_within)
+        @cache
+        def p_value(_: float) -> float:
+            return pair.p_value_of_variability()
 
-    sample = pair.sample(IQM_DIFFERENCE, "area" if quantity is SPEED else "final")
-    estimate = sample.estimate()
-    return Comparison(quantity, names, estimate, sample.interval, pair.decidable, similar_within)
+    else:
+        scores = "area" if quantity is SPEED else "final"
+        sample = pair.sample(IQM_DIFFERENCE, scores)
+        estimate = sample.estimate()
+        interval = sample.interval
+        p_value = cache(partial(pair.p_value, scores))
+
+    return Comparison(quantity, names, estimate, interval, p_value, pair.decidable, similar_within)

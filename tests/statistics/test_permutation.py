@@ -1,0 +1,66 @@
+"""Tests of permutation tests, against scipy and numbers worked out by hand."""
+
+from itertools import combinations, product
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from jbench.statistics.permutation import RELABELINGS, p_value
+
+
+def difference_of_means(ours, theirs, axis):
+    return ours.mean(axis=axis) - theirs.mean(axis=axis)
+
+
+@pytest.mark.parametrize(("ours", "theirs"), [(6, 6), (3, 7), (9, 9)])
+def test_relabelings_are_those_of_scipy(ours, theirs):
+    random = np.random.default_rng(3)
+    # Whole numbers, so that relabelings are tied with the observed division.
+    x = random.integers(0, 20, ours).astype(float) + 4
+    y = random.integers(0, 20, theirs).astype(float)
+    scipys = stats.permutation_test(
+        (x, y), difference_of_means, vectorized=True, n_resamples=np.inf
+    )
+    # scipy doubles the smaller tail, which is another p-value if sizes differ.
+    as_large = np.abs(scipys.null_distribution) >= abs(scipys.statistic) - 1e-9
+    assert p_value([x], [y]) == pytest.approx(as_large.mean(), abs=1e-12)
+
+
+def test_separated_groups_have_the_least_p_value():
+    low = np.arange(6.0)
+    # Of 924 relabelings, the observed one and its opposite differ as much.
+    assert p_value([low + 100], [low]) == pytest.approx(2 / 924)
+    assert p_value([low], [low]) == 1.0
+    # Larger groups: none of the sampled relabelings.
+    low = np.arange(20.0)
+    assert p_value([low + 100], [low]) == pytest.approx(1 / (RELABELINGS + 1))
+
+
+def test_seeds_are_exchanged_within_tasks_only():
+    ours = [np.array([5.0, 9, 7]), np.array([130.0, 90, 101])]
+    theirs = [np.array([2.0, 6, 1]), np.array([100.0, 80, 97])]
+
+    def differences(task):
+        pooled = np.concatenate([ours[task], theirs[task]])
+        halves = [pooled[list(chosen)] for chosen in combinations(range(6), 3)]
+        return [2 * half.mean() - pooled.mean() * 2 for half in halves]
+
+    observed = sum(x.mean() - y.mean() for x, y in zip(ours, theirs, strict=True))
+    every = np.array([abs(sum(each)) for each in product(differences(0), differences(1))])
+    expected = (every >= observed - 1e-9).mean()
+    error = np.sqrt(expected * (1 - expected) / RELABELINGS)
+    assert p_value(ours, theirs) == pytest.approx(expected, abs=4 * error)
+
+
+def test_scores_that_are_not_finite_decide_nothing():
+    low = np.arange(6.0)
+    assert p_value([np.append(low[:5], np.inf) + 100], [low]) == 1.0
+
+
+def test_error_rate_of_few_seeds_holds_at_a_corrected_level():
+    # A seed in seven fails. Of 2,000 equal configurations, 0.5% is 10, give or take 3.
+    random = np.random.default_rng(0)
+    scores = np.where(random.random((2000, 14)) < 1 / 7, 100, random.normal(800, 50, (2000, 14)))
+    found = sum(p_value([row[:7]], [row[7:]]) <= 0.005 for row in scores)
+    assert found <= 20

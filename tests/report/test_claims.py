@@ -1,5 +1,7 @@
 """Tests of the verdicts on the paper's claims, with fabricated runs of known outcome."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -80,6 +82,18 @@ def test_ratio_that_episodes_explain_is_undecided(fabric, swing, verdict):
     assert spread.effect.high < 1
     assert spread.decided.verdict == verdict
     assert ("of the agents alone: difference -28 [" in spread.remark) == (verdict == "undecided")
+
+
+def test_failed_agents_alone_do_not_decide_on_variability(fabric):
+    # Four of ten fail. Chance puts the four largest deviations of 20 into one group of ten in
+    # 2 * C(16, 6) / C(20, 10) = 8.7% of cases; not in all of them is the difference as large.
+    fabric.learn(np.append(800 + np.linspace(-40, 40, 6), [200] * 4))
+    fabric.learn(800 + np.linspace(-140, 140, 10), representation="dae12")
+    (spread,) = findings(fabric, "b")
+    assert spread.effect.high < 1
+    assert spread.decided.verdict == "undecided"
+    found = re.fullmatch(r"not confirmed by a permutation test: p = (0\.\d+)", spread.remark)
+    assert 0.05 < float(found[1]) <= 0.087
 
 
 def test_off_policy_algorithms_are_compared_with_ppo(fabric):

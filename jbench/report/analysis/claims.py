@@ -35,6 +35,7 @@ from jbench.settings.algorithms import display_name
 from jbench.settings.recorded import comparable
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
+from jbench.statistics.sequential import ERROR_RATE
 from jbench.studies.deciding import MARGIN, margin
 from jbench.studies.study import RAW
 
@@ -194,16 +195,21 @@ def _on_pair(claim: str, pair: Pair, baseline: str) -> Finding:
 
 
 def _without_episodes(finding: Finding, pair: Pair) -> Finding:
-    """Returns a finding on a ratio, undecided if the variation of episodes may explain it.
+    """Returns a finding on a ratio, undecided if episodes or a few failed agents may explain it.
 
     The effect is how much more the first agents vary; a claim may be that they vary less.
     """
     decided = finding.decided
     remark = finding.remark
     value, low, high, _ = pair.agents_difference()
+    p_value = pair.p_value_of_variability()
+    reason = ""
     if not {"supported": low > 0, "contradicted": high < 0}.get(decided.verdict, True):
         interval = f"difference {with_interval(signed, value, (low, high))}"
         reason = f"of the agents alone: {interval if np.isfinite(value) else 'unknown'}"
+    elif decided.verdict != "undecided" and p_value > ERROR_RATE:
+        reason = f"not confirmed by a permutation test: p = {p_value:.2g}"
+    if reason:
         decided = replace(decided, verdict="undecided")
         remark = "; ".join(filter(None, (reason, remark)))
 

@@ -47,18 +47,16 @@ def verdicts(ours: Agents, theirs: Agents) -> FloatArray:
     """
     sample = st.samples([st.difference(st.interquartile_mean)], [ours.means], [theirs.means])[0]
     low, high = sample.interval(1 - LEVEL)
-    of_returns = not low <= 0 <= high
-    p_of_returns = p_value([ours.means], [theirs.means])
+    on_returns = not low <= 0 <= high
 
     spread = difference(ours, theirs, 1 - LEVEL)
-    of_variability = not spread.low <= 0 <= spread.high
+    on_variability = not spread.low <= 0 <= spread.high
     deviations = [np.abs(side.means - np.median(side.means)) for side in (ours, theirs)]
-    p_of_variability = p_value(deviations[:1], deviations[1:])
 
     return np.array(
         [
-            [of_returns, of_returns and p_of_returns <= LEVEL],
-            [of_variability, of_variability and p_of_variability <= LEVEL],
+            [on_returns, on_returns and p_value([ours.means], [theirs.means]) <= LEVEL],
+            [on_variability, on_variability and p_value(deviations[:1], deviations[1:]) <= LEVEL],
         ],
         float,
     )

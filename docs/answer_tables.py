@@ -20,6 +20,7 @@ from jbench.settings.defaults import nearest_base
 from jbench.statistics import FloatArray
 from jbench.statistics.bootstrap import difference, estimate, interquartile_mean
 from jbench.store.shipped import shipped_results
+from jbench.studies.quantities import VARIABILITY
 
 ROOT = Path(__file__).resolve().parents[1]
 PLACE = r"(<!-- table: {name} -->\n\n).*?(\n<!-- end of table -->)"
@@ -42,6 +43,21 @@ class Shown:
 
     words: str
     name: str
+
+
+@dataclass
+class Step:
+    """A change of what the agent observes, on the way from `full` to `planar-mirror`.
+
+    Attributes:
+        words: the change, in the words of a page.
+        name: the representation after it.
+        before: the representation before it.
+    """
+
+    words: str
+    name: str
+    before: str
 
 
 @dataclass
@@ -72,6 +88,13 @@ class Agents:
     settings: Literal["published", "figure8"]
     is_standardized: bool
 
+
+STEPS = (
+    Step("the numbers are min-max scaled", "scaled", "full"),
+    Step("directions and speeds are in the robot's own frame", "heading", "scaled"),
+    Step("position, heading and observed speed are left out", "planar", "heading"),
+    Step("states with the target on the right are mirrored", "planar-mirror", "planar"),
+)
 
 README_ROWS = (
     Shown("full observation (`full`)", "full"),
@@ -161,6 +184,7 @@ class ShippedNumbers:
 
         self.seeds = _of_evaluations(frames.seeds)
         self.baselines = frames.baselines
+        self.verdicts = frames.verdicts
 
     def returns(self, algo: str, task: str, name: str, column: str = "final") -> FloatArray:
         """Returns a number of each seed (seeds,): its `final` return, or that `over_run`."""
@@ -186,12 +210,12 @@ class ShippedNumbers:
         found = estimate(difference(interquartile_mean), [ours], [theirs])
         return f"{found.value:+.0f} [{found.low:+.0f}, {found.high:+.0f}]"
 
-    def p_value(self, pair: Pair) -> float:
-        """Returns that of the exact two-sided permutation test of mean final returns."""
+    def p_value(self, pair: Pair, column: str = "final") -> float:
+        """Returns that of the exact two-sided permutation test of means."""
         test = permutation_test(
             [
-                self.returns(pair.algo, pair.task, pair.name),
-                self.returns(pair.algo, pair.task, pair.against),
+                self.returns(pair.algo, pair.task, pair.name, column),
+                self.returns(pair.algo, pair.task, pair.against, column),
             ],
             lambda ours, theirs, axis: np.mean(ours, axis=axis) - np.mean(theirs, axis=axis),
             n_resamples=np.inf,
@@ -252,6 +276,24 @@ def main_table(numbers: ShippedNumbers, shown: tuple[Shown, ...], first_column: 
     return "\n".join(lines)
 
 
+def steps_table(numbers: ShippedNumbers) -> str:
+    """Returns the table of what each step from `full` to `planar-mirror` adds with TD3."""
+    easier, harder = TASKS
+    lines = [
+        f"| step | from | to | `{easier}`: over the run | at the end "
+        f"| `{harder}`: over the run | at the end |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for step in STEPS:
+        cells = [step.words, f"`{step.before}`", f"`{step.name}`"]
+        for task in TASKS:
+            pair = Pair("TD3", task, step.name, step.before)
+            cells.append(numbers.difference(pair, "over_run"))
+            cells.append(numbers.difference(pair))
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
 def differences_table(numbers: ShippedNumbers) -> str:
     """Returns the table of all differences, at the end and over the run, with p-values."""
     pairs = [
@@ -261,26 +303,53 @@ def differences_table(numbers: ShippedNumbers) -> str:
         for against in ("full", "scaled")
         if name != against and len(numbers.returns(algo, task, name)) >= FEWEST_SEEDS
     ]
-    p_values = holm([numbers.p_value(pair) for pair in pairs])
+    at_end = holm([numbers.p_value(pair) for pair in pairs])
+    over_run = holm([numbers.p_value(pair, "over_run") for pair in pairs])
 
     lines = [
-        "| configuration | observation | against | at the end | over the run | p |",
-        "|---|---|---|---|---|---|",
+        "| configuration | observation | against | at the end | p at the end "
+        "| over the run | p over the run |",
+        "|---|---|---|---|---|---|---|",
     ]
     above = ""
-    for pair, p_value in zip(pairs, p_values, strict=True):
+    for pair, p_at_end, p_over_run in zip(pairs, at_end, over_run, strict=True):
         configuration = f"`{pair.task}`, {pair.algo}"
         cells = [
             "" if configuration == above else configuration,
             f"`{pair.name}`",
             f"`{pair.against}`",
             numbers.difference(pair),
+            _p_in_words(p_at_end),
             numbers.difference(pair, "over_run"),
-            f"{p_value:.3f}" if p_value >= 0.001 else "< 0.001",
+            _p_in_words(p_over_run),
         ]
         lines.append(f"| {' | '.join(cells)} |")
         above = configuration
     return "\n".join(lines)
+
+
+def variability_table(verdicts: pd.DataFrame) -> str:
+    """Returns the comparisons whose corrected interval of the difference of *s* excludes 0."""
+    rows = verdicts[verdicts["claim"] == VARIABILITY.claim]
+    rows = rows[~rows["corrected_by"].str.startswith("fewer")]
+    rows = rows[(rows["corrected_low"] > 0) | (rows["corrected_high"] < 0)]
+
+    lines = [
+        "| agents | observation | against | returns | difference of *s* | p |",
+        "|---|---|---|---|---|---|",
+    ]
+    for row in rows.itertuples():
+        agents = row.algo + (", `figure8`" if row.words == "settings=figure8" else "")
+        interval = f"[{row.corrected_low:+.0f}, {row.corrected_high:+.0f}]"
+        p_value = re.search(r"p = ([\d.]+)", row.text)[1]
+        cells = [agents, f"`{row.representation}`", f"`{row.against}`", row.returns, interval]
+        lines.append(f"| {' | '.join(cells)} | {p_value} |")
+    return "\n".join(lines)
+
+
+def _p_in_words(p_value: float) -> str:
+    """Returns such as `0.215`, or `< 0.001`."""
+    return f"{p_value:.3f}" if p_value >= 0.001 else "< 0.001"
 
 
 def ddpg_evaluations() -> pd.DataFrame:
@@ -363,14 +432,18 @@ def pages(numbers: ShippedNumbers) -> dict[Path, str]:
     readme_table = main_table(numbers, README_ROWS, "final evaluation return")
     answer_table = main_table(numbers, ANSWER_ROWS, "the agent observes")
     answer_text = with_table(answer.read_text("utf-8"), "main", answer_table)
+    answer_text = with_table(answer_text, "steps", steps_table(numbers))
     evaluations = ddpg_evaluations()
     by_step = {"figure-7": FIGURE_7, "standardized": STANDARDIZED, "figure-8": FIGURE_8}
     for name, columns in by_step.items():
         answer_text = with_table(answer_text, name, table_by_step(columns, evaluations))
+    details_text = details.read_text("utf-8")
+    details_text = with_table(details_text, "differences", differences_table(numbers))
+    details_text = with_table(details_text, "variability", variability_table(numbers.verdicts))
     return {
         readme: with_table(readme.read_text("utf-8"), "main", readme_table),
         answer: answer_text,
-        details: with_table(details.read_text("utf-8"), "differences", differences_table(numbers)),
+        details: details_text,
     }
 
 

@@ -57,7 +57,8 @@ class PlanarReduction(Fitted):
     """The observation modulo translation and rotation in the plane.
 
     Each latent is scaled to [-1, 1] by its extremes over the dataset, like the inputs of every
-    kind, so agents on `planar` and on `scaled` differ only in the reduction.
+    kind. `heading` has the same numbers and those that `planar` leaves out, so agents on these two
+    differ only in the reduction.
     """
 
     is_rowwise = True

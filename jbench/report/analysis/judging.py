@@ -127,7 +127,7 @@ class Comparison:
     def _text(self, word: str, low: float, high: float, by: str) -> str:
         """Returns a verdict in words, with the difference that it rests on."""
         text = self._number(low, high, by)
-        if word == UNDECIDED and by != SEQUENTIAL and (low > 0 or high < 0):
+        if word == UNDECIDED and by not in (SEQUENTIAL, _TOO_FEW) and (low > 0 or high < 0):
             return f"{word}: {text}; p = {self.p_value(0.0):.2g}, too large for a verdict"
         if self.quantity is not FINAL_RETURN or word not in FINAL_RETURN.directions:
             return f"{word}: {text}"

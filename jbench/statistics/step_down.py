@@ -10,7 +10,7 @@ endpoints*, Stat. Med. 32, 2013).
 
 import math
 from collections.abc import Callable, Sequence
-from functools import cache
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -68,30 +68,38 @@ def step_down(reached: Reached, shares: Sequence[float], analyses: int) -> list[
     """
     total = sum(shares)
     stops: list[Stop | None] = [None] * len(shares)
-
-    def verdict(i: int, parts: int, analysis: int) -> Verdict | None:
-        """Returns the first one up to an analysis that all larger rates reach, too."""
-        names: tuple[Verdict, ...] = ("larger", "smaller", "equal")
-        at = {name: reached(i, name, 2 * total / parts) for name in names}
-        fewest = math.ceil(total / shares[i] + 1 - 1e-6)  # parts, if all others have a direction
-        decided = [name for name in names if 0 < at[name] <= analysis]
-        for name in sorted(decided, key=at.__getitem__):
-            larger = (reached(i, name, 2 * total / n) for n in range(fewest, parts))
-            if all(0 < reached_at <= analysis for reached_at in larger):
-                return name
-
-        return None
+    # Into how many parts the rate is divided if all other comparisons have a direction.
+    fewest = [math.ceil(total / share + 1 - 1e-6) for share in shares]
 
     for analysis in range(1, analyses + 1):
         new = True
         while new:
             new = False
             for i, parts in enumerate(_parts(stops, shares)):
-                if stops[i] is None and (decided := verdict(i, parts, analysis)):
-                    stops[i] = Stop(decided, analysis, 2 * total / parts)
+                if stops[i] is not None:
+                    continue
+                rates = [2 * total / n for n in range(parts, min(fewest[i], parts) - 1, -1)]
+                verdict = _earliest_verdict(partial(reached, i), rates, analysis)
+                if verdict is not None:
+                    stops[i] = Stop(verdict, analysis, rates[0])
                     new = True
 
     return stops
+
+
+def _earliest_verdict(
+    reached: Callable[[Verdict, float], int], rates: Sequence[float], analysis: int
+) -> Verdict | None:
+    """Returns the first verdict that is reached at all rates up to an interim analysis.
+
+    Args:
+        reached: interim analysis at which a verdict is reached at a rate; else 0.
+        rates: two-sided; the verdict that the first of them reaches earliest is returned.
+        analysis: the last one that counts.
+    """
+    names: tuple[Verdict, ...] = ("larger", "smaller", "equal")
+    robust = [name for name in names if all(0 < reached(name, rate) <= analysis for rate in rates)]
+    return min(robust, key=lambda name: reached(name, rates[0]), default=None)
 
 
 def _parts(stops: Sequence[Stop | None], shares: Sequence[float]) -> list[int]:

@@ -184,6 +184,11 @@ class RunSettings(TrainedSettings):
         """Number of episodes of each environment with each robot."""
         return self.steps // (self.robots * self.environments * self.episode_steps)
 
+    @property
+    def dataset_robot(self) -> dict[str, Any]:
+        """Fields of `DatasetSettings` that describe the robot of the task."""
+        return {} if self.specs is None else {"robot": self.task, "specs": self.specs}
+
     def robot_seed(self, robot: int) -> int | None:
         """Returns the seed of the augmented robot with this index, at most the last one."""
         return None if self.augment is None else self.augment + min(robot, self.robots - 1)

@@ -27,6 +27,23 @@ class Drawn(Cart):
         return picture
 
 
+class Narrows(Drawn):
+    """Draws half of the width from the second picture of an environment on."""
+
+    has_drawn = False
+
+    def render(self):
+        picture = super().render()
+        shown = picture[:, 10:30] if self.has_drawn else picture
+        self.has_drawn = True
+        return shown
+
+
+class RendersNoPixel(Drawn):
+    def render(self):
+        return np.zeros((0, 40, 3), np.uint8)
+
+
 class WithoutMode(Drawn):
     metadata = {"render_modes": []}  # noqa: RUF012
 
@@ -57,6 +74,8 @@ def maker(kind):
 
 
 drawn = maker(Drawn)
+narrows = maker(Narrows)
+no_pixel = maker(RendersNoPixel)
 without_mode = maker(WithoutMode)
 nothing = maker(RendersNothing)
 numbers = maker(RendersNumbers)

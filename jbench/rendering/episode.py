@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import matplotlib
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw, ImageFont, ImageOps
 
 from jbench.policies.find import ActingPolicy
 from jbench.task_specs import CONTROL_TIMESTEP
@@ -79,11 +79,13 @@ def render_episode(
 ) -> Iterator[Frame]:
     """Yields images of the control steps `at`, 0 being the initial state; ends at the last one.
 
-    An episode that ends before has fewer images, and one of its last state.
+    An episode that ends before has fewer images, and one of its last state. All have the size of
+    the first.
     """
     with contextlib.closing(scene.environment()) as env:
         observation, _ = env.reset(seed=scene.seed)
         policy.reset(1)
+        first: Picture | None = None
         episode_return = 0.0
         is_over = False
         for step in range(max(at) + 1):
@@ -95,11 +97,27 @@ def render_episode(
             if step in at or is_over:
                 words = find_task(scene.task).goal(observation)
                 picture = np.asarray(env.render())
+                if first is None:
+                    first = picture
+                picture = fitted(picture, first)
                 yield Frame(step * scene.timestep, episode_return, words, picture)
 
             progress(step)
             if is_over:
                 return
+
+
+def fitted(picture: Picture, other: Picture) -> Picture:
+    """Returns a picture in the size of another one.
+
+    It is scaled if its size differs. Black margins keep its proportions.
+    """
+    if picture.shape == other.shape:
+        return picture
+
+    height, width, _ = other.shape
+    scaled = ImageOps.pad(Image.fromarray(picture), (width, height))
+    return np.array(scaled)
 
 
 def video_picture(frame: Frame, title: str, note: str) -> Picture:

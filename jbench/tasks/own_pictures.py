@@ -75,7 +75,7 @@ def own_picture(task: str, environment: GymAdapter) -> NDArray[np.uint8]:
         ) from error
 
     is_array = isinstance(returned, np.ndarray)
-    if is_array and returned.dtype == np.uint8 and returned.ndim == 3 and returned.shape[2] == 3:
+    if is_array and _is_picture(returned):
         return np.array(returned, order="C")
 
     found = type(returned).__name__
@@ -85,6 +85,12 @@ def own_picture(task: str, environment: GymAdapter) -> NDArray[np.uint8]:
         f"{task} can't be drawn: its render returns {found}, not an array (height, width, 3) of "
         "uint8."
     )
+
+
+def _is_picture(returned: NDArray[Any]) -> bool:
+    """Returns whether an array is (height, width, 3) of uint8, with one pixel or more."""
+    has_three_colors = returned.ndim == 3 and returned.shape[2] == 3
+    return has_three_colors and returned.dtype == np.uint8 and returned.size > 0
 
 
 def _raw(wrapped: Any) -> Any:

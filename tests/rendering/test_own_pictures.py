@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from jbench.errors import RequestError
-from jbench.rendering.episode import Scene, render_episode
+from jbench.rendering.episode import Scene, fitted, render_episode
 from jbench.rendering.viewer import view
 from jbench.tasks.find import find_task
 from jbench.tasks.gym import RobotEnv
@@ -44,6 +44,32 @@ def test_frames_are_those_of_the_environment(name):
     np.testing.assert_array_equal([frame.picture for frame in frames], pictures)
     np.testing.assert_allclose([frame.episode_return for frame in frames], returns)
     assert [frame.time for frame in frames] == pytest.approx(np.arange(len(pictures)) / 25)
+
+
+def test_pictures_have_the_size_of_the_first(tmp_path, run_command):
+    """A picture of half the width stands in the middle, with black margins."""
+    frames = list(render_episode(Constant(0.0), Scene(f"{LAB}:narrows", seed=3), range(4)))
+    whole = list(render_episode(Constant(0.0), Scene(f"{LAB}:drawn", seed=3), range(4)))
+    expected = [frame.picture.copy() for frame in whole]
+    for picture in expected[1:]:
+        picture[:, :10] = 0
+        picture[:, 30:] = 0
+    np.testing.assert_array_equal([frame.picture for frame in frames], expected)
+    for name in ("a.gif", "a.png", "a.mp4"):
+        where = ("--out", tmp_path / name, "--steps", "4", "--task", f"{LAB}:narrows")
+        assert run_command("render", "random", *where, results=tmp_path)[0] == 0
+    assert Image.open(tmp_path / "a.gif").size == (40, 24)
+    assert Image.open(tmp_path / "a.png").size == (5 * 40, 24)
+
+
+def test_picture_of_another_size_keeps_its_proportions():
+    """Of 6 x 10 white pixels, 24 x 40 have no margin, and 24 x 60 have ten columns on each side."""
+    small = np.full((6, 10, 3), 255, np.uint8)
+    assert (fitted(small, np.zeros((24, 40, 3), np.uint8)) == 255).all()
+    wide = fitted(small, np.zeros((24, 60, 3), np.uint8))
+    assert (wide[:, 10:50] == 255).all()
+    assert not wide[:, :10].any()
+    assert not wide[:, 50:].any()
 
 
 def test_environments_of_gymnasium_and_copies_have_the_pictures():
@@ -90,6 +116,7 @@ def test_command_draws_without_a_backend_of_opengl(tmp_path, run_command, refuse
         ("takes_no_mode", "its render_mode is None; give its function the argument render_mode,"),
         ("nothing", "its render returns NoneType, not an array (height, width, 3) of uint8."),
         ("numbers", "its render returns an array (4, 4) of float64, not an array"),
+        ("no_pixel", "its render returns an array (0, 40, 3) of uint8, not an array"),
         ("error", "its render fails (ValueError: no such color, line "),
         ("lacks_package", "can't be drawn: paint is not installed, run `pip install paint`."),
         ("lacks_simulator", "use the task {name}: paint is not installed, run `pip install paint`"),

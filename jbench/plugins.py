@@ -21,6 +21,9 @@ from jbench.names import closest
 
 _IMPORTED = re.compile(r"[A-Za-z_][A-Za-z0-9_.]*:[A-Za-z_][A-Za-z0-9_]*")
 
+_IN_A_FILE = re.compile(r"(?P<path>.+\.py):(?P<name>[A-Za-z_][A-Za-z0-9_]*)")
+"""What some type for MODULE:NAME, such as lab/robots.py:walker."""
+
 
 def offered(group: str, pattern: re.Pattern[str], taken: Collection[str]) -> dict[str, EntryPoint]:
     """Returns the entry points of a group by name, but for invalid names and those of jbench."""
@@ -79,11 +82,9 @@ def imported(what: str, name: str) -> Any:
     find_working_directory()
     subject = f"The {what} {name} can't be loaded"
     exists = _attempt(lambda: _is_found(module_name), subject)
-    if not exists and module_name.endswith(".py"):
-        module_name = module_name.removesuffix(".py")
-        raise RequestError(f"{name} has the name of a file; type {module_name}:{attribute}.")
 
     if not exists:
+        refuse_path(name)
         raise RequestError(
             f"The {what} {name} can't be imported: there is no module {module_name}; install its "
             "package, or run jbench in the directory that contains the module, or set PYTHONPATH."
@@ -111,10 +112,34 @@ def _is_found(module: str) -> bool:
         return False
 
 
+def refuse_path(name: str) -> None:
+    """Raises a RequestError for a name with the path of a Python file, with the MODULE:NAME."""
+    match = _IN_A_FILE.fullmatch(name)
+    if match is None:
+        return
+
+    module, where = module_in_file(match["path"])
+    raise RequestError(f"{name} has the path of a file; type {module}:{match['name']}{where}.")
+
+
+def module_in_file(path: str) -> tuple[str, str]:
+    """Returns the name of the module in a Python file, and in words where else it is found.
+
+    The words are empty for a file below the working directory.
+    """
+    file = Path(path.replace("\\", "/")).with_suffix("")
+    package = file.parent if file.name == "__init__" else file
+    if all(part.isidentifier() for part in package.parts):
+        return ".".join(package.parts), ""
+
+    return package.name, f" in the directory {package.parent}, or with it in PYTHONPATH"
+
+
 def is_module(name: str) -> bool:
-    """Returns whether a name without dots is that of a module that can be imported."""
+    """Returns whether a name is that of a module that can be imported; imports no package."""
     find_working_directory()
-    return name.isidentifier() and _is_found(name)
+    is_name = all(part.isidentifier() for part in name.split("."))
+    return is_name and sources.module_file(name) is not None
 
 
 def find_working_directory() -> None:

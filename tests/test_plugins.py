@@ -37,6 +37,28 @@ def test_name_of_two_packages_is_refused(tmp_path, monkeypatch):
         plugins.load("function", point)
 
 
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [
+        ("lab/robots.py:walker", "type lab.robots:walker."),
+        ("./robots.py:walker", "type robots:walker."),
+        ("lab/__init__.py:walker", "type lab:walker."),
+        (
+            "../lab/robots.py:walker",
+            "type robots:walker in the directory ../lab, or with it in PYTHONPATH.",
+        ),
+        (
+            "/srv/my-lab/robots.py:walker",
+            "type robots:walker in the directory /srv/my-lab, or with it in PYTHONPATH.",
+        ),
+    ],
+)
+def test_path_of_a_file_is_refused_with_the_name_of_its_module(name, meant):
+    with pytest.raises(RequestError) as caught:
+        plugins.refuse_path(name)
+    assert str(caught.value) == f"{name} has the path of a file; {meant}"
+
+
 def test_module_in_working_directory_is_imported(tmp_path, monkeypatch):
     (tmp_path / "beside_me.py").write_text("answer = 42\n")
     (tmp_path / "raising.py").write_text("import math\nmath.sqrt(-1)\n")
@@ -47,7 +69,7 @@ def test_module_in_working_directory_is_imported(tmp_path, monkeypatch):
         plugins.imported("number", "beside_me:question")
     with pytest.raises(RequestError, match=r"has no anser; did you mean beside_me:answer\?"):
         plugins.imported("number", "beside_me:anser")
-    with pytest.raises(RequestError, match=r"name of a file; type beside_me:answer\."):
+    with pytest.raises(RequestError, match=r"path of a file; type beside_me:answer\."):
         plugins.imported("number", "beside_me.py:answer")
     elsewhere = "no module beside_you; install its package, or run jbench in the directory that"
     with pytest.raises(RequestError, match=elsewhere):

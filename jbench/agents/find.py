@@ -129,6 +129,7 @@ def _offered() -> list[EntryPoint]:
 def _entry_point(name: str) -> EntryPoint:
     """Returns the entry point of an algorithm; a RequestError says what was meant."""
     points = [point for point in _offered() if point.name == name]
+    plugins.refuse_path(name)
     if not points and name.lower() in _ELSEWHERE:
         raise RequestError(f"Unknown algorithm {name!r}; {_ELSEWHERE[name.lower()]}.")
 

@@ -137,6 +137,7 @@ def _installed(name: str) -> What:
     if name in SETTINGS:
         raise RequestError(f"{name} is jbench's own; type MODULE:CLASS of an algorithm of yours.")
 
+    plugins.refuse_path(name)
     offered = [each for names in by_what.values() for each in names]
     close = closest(name, [*SUITE_TASKS, *offered])
     meant = "" if close is None else f"did you mean {close}? "

@@ -55,6 +55,7 @@ def find_kind(name: str) -> type[Kind]:
     elif plugins.is_imported(name):
         kind = plugins.imported(_WHAT, name)
     else:
+        plugins.refuse_path(name)
         name_offered = known(_WHAT, name, (*kind_names(), "MODULE:CLASS"))
         kind = plugins.load(_WHAT, offered_kinds()[name_offered])
 

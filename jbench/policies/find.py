@@ -160,6 +160,7 @@ def full_name(results: Results, name: str) -> FullName:
     such policy, its command is wrong, or several runs match, and a WorkError if the run's manifest
     can't be read.
     """
+    plugins.refuse_path(name)
     if "/" in name and not is_sb3_zip(name):
         run = locate_run(results, name)
         record = run.results.find("run", run.id)

@@ -128,8 +128,9 @@ def unknown_task(name: str) -> RequestError:
             "environment with this model, and type MODULE:NAME (docs/your-own-robot.md)."
         )
 
-    module, _, attribute = name.removesuffix(".py").partition(".")
-    if plugins.is_module(module):  # also MODULE.NAME, as in the ids of runs
+    plugins.refuse_path(name)
+    module, attribute = _module_and_rest(name.removesuffix(".py"))
+    if module:  # also MODULE.NAME, as in the ids of runs
         meant = attribute if attribute.isidentifier() else "NAME"
         explained = "" if meant == attribute else ", a function in it that returns an environment"
         return RequestError(
@@ -149,6 +150,14 @@ def unknown_task(name: str) -> RequestError:
         f"Unknown task {name!r}; {hint} {', '.join(TASKS)}, a task that jbench tasks lists, or "
         f"MODULE:NAME."
     )
+
+
+def _module_and_rest(name: str) -> tuple[str, str]:
+    """Returns the longest beginning of a dotted name that is a module, and the rest; else ""."""
+    module = name
+    while module and not plugins.is_module(module):
+        module = module.rpartition(".")[0]
+    return module, name.removeprefix(module).removeprefix(".") if module else ""
 
 
 def _suite_task(name: str) -> DmTask:

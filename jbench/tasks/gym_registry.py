@@ -116,7 +116,10 @@ def _unknown_environment(id: str) -> RequestError:
     newest = {known.partition("-v")[0].lower(): known for known in gymnasium.registry}
     close = closest(registered.partition("-v")[0], list(newest))
     if close:
-        hint = f"did you mean {GYM}{newest[close]}?"
+        meant = f"{GYM}{newest[close]}"
+        if module and not is_of_gymnasium(meant):
+            meant = f"{GYM}{module}:{newest[close]}"
+        hint = f"did you mean {meant}?"
     elif module:
         hint = f"the module {module} has to register it when it is imported."
     else:
@@ -173,6 +176,10 @@ def _register(name: str, module: str) -> None:
         importlib.import_module(module)
     except Exception as error:
         if isinstance(error, ModuleNotFoundError) and module.startswith(str(error.name)):
+            if module.endswith(".py"):
+                imported, where = plugins.module_in_file(module)
+                typed = name.replace(module, imported, 1)
+                raise RequestError(f"{name} has the path of a file; type {typed}{where}.") from None
             raise RequestError(
                 f"{name}: there is no module {module}; install its package, or run jbench in the "
                 "directory that contains the module."

@@ -163,6 +163,7 @@ def test_reward_out_of_range_ends_the_checks(modules, states):
     ("typed", "message"),
     [
         (["nowhere:Agent"], "there is no module nowhere"),
+        (["lab/own.py:Agent"], "has the path of a file; type lab.own:Agent."),
         (["td3"], "td3 is jbench's own; type MODULE:CLASS of an algorithm of yours."),
         (["pcaa"], "There is no code called 'pcaa': did you mean pca? Type"),
         (["pca", "--as", "robot"], "Unknown kind of code 'robot'; choose task, agent, rule"),

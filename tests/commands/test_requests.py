@@ -30,6 +30,9 @@ from tests.documentation import ROOT
     [
         (("train", "--task", "fly"), "Unknown task 'fly'; choose move_from_origin,"),
         (("train", "--algo", "dqn"), "Unknown algorithm 'dqn'; it needs discrete actions"),
+        (("train", "--algo", "lab/own.py:Agent"), "path of a file; type lab.own:Agent."),
+        (("train-encoder", "--kind", "lab/own.py:Kind"), "path of a file; type lab.own:Kind."),
+        (("evaluate", "lab/own.py:act"), "path of a file; type lab.own:act."),
         (("train", "--algo", "A2C"), "algorithm 'A2C'; use --algo stable_baselines3:A2C"),
         (("train", "--encoder", "vae12x"), "or jbench train-encoder for another kind"),
         (("train", "--set", "ofe.layers=2"), "is for --encoder ofeN, such as ofe12"),

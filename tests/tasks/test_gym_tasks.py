@@ -33,6 +33,18 @@ MISTAKEN = "tests.mistaken_gym_tasks"
         ("gym:Hopper-v99", r"no environment Hopper-v99; did you mean gym:Hopper-v5\?$"),
         ("gym:Zzz-v0", "no environment Zzz-v0; if a module of yours .* type gym:MODULE:Zzz-v0"),
         ("gym:math:Zzz-v0", "no environment Zzz-v0; the module math has to register it"),
+        ("gym:math:Hopper", r"no environment Hopper; did you mean gym:Hopper-v5\?$"),
+        (
+            "gym:tests.drawn_gym_tasks:lab/Drown",
+            r"no environment lab/Drown; did you mean gym:tests.drawn_gym_tasks:lab/Drawn-v0\?$",
+        ),
+        (
+            "gym:tests/drawn_gym_tasks.py:lab/Drawn-v0",
+            "path of a file; type gym:tests.drawn_gym_tasks:lab/Drawn-v0.$",
+        ),
+        ("tests/gym_tasks.py:cart", "path of a file; type tests.gym_tasks:cart.$"),
+        ("tests.gym_tasks.cart", "the module tests.gym_tasks, type tests.gym_tasks:cart.$"),
+        ("tests.gym_tasks", "module tests.gym_tasks, type tests.gym_tasks:NAME, a function in"),
         ("tests", "Unknown task 'tests'; to use the module tests, type tests:NAME, a function in"),
         ("tests.py", "Unknown task 'tests.py'; to use the module tests, type tests:NAME"),
         ("math.cart", "to use the module math, type math:cart.$"),

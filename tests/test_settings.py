@@ -6,7 +6,7 @@ from jbench.settings.algorithms import algorithm_settings, default_base
 from jbench.settings.code_words import CodeVersion, first_dates
 from jbench.settings.defaults import foreign_differences
 from jbench.settings.recorded import Unreadable, alike, comparable, flatten, read_run
-from jbench.settings.records import ExternalSettings
+from jbench.settings.records import ExternalSettings, Labels
 from jbench.settings.run import RunSettings
 from jbench.settings.variants import CUT, chosen_words, variant_labels, variant_words
 
@@ -215,3 +215,11 @@ def test_versions_of_one_code_have_the_time_where_they_share_the_date():
         "b10c4e": "2026-11-29",
         "07c4d5": "2026-11-28",
     }
+
+
+def test_task_of_a_recorded_or_imported_curve_is_a_path_below_the_results():
+    for task in ("gym:ALE/Pong-v5", "gym:lab:arm/Reach-v0,mass=-1.5,xml=a/b.xml", "_own:stand"):
+        assert Labels(task=task, algo="mine").task == task
+    for task in ("", "..", "gym:a/../Pong-v5", "/srv/pong", "gym:ALE//Pong", "gym:a/", "a" * 201):
+        with pytest.raises(ValueError, match="type the name of a task, such as face_direction"):
+            Labels(task=task, algo="mine")

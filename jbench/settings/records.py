@@ -191,6 +191,9 @@ class EvaluationSettings(RecordSettings):
 LABEL = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
 """Labels of algorithms and representations: part of an id, so valid as names of directories."""
 
+_TASK_IN_AN_ID = re.compile(r"\w[\w.-]{0,199}(/\w[\w.-]{0,199})*", re.ASCII)
+"""Tasks in ids, with a directory for each namespace, as in gym.ALE/Pong-v5."""
+
 
 class Labels(Settings):
     """Task, algorithm and representation of a run or an imported curve."""
@@ -204,14 +207,13 @@ class Labels(Settings):
     @field_validator("task", "algo", "representation")
     @classmethod
     def _fits_into_an_id(cls, label: str, info: ValidationInfo) -> str:
-        """Raises a ValueError if a label is no name of a directory."""
+        """Raises a ValueError if a label is no name of a directory, or a task of several."""
         is_task = info.field_name == "task"
-        if LABEL.fullmatch(in_id(label) if is_task else label):
-            return label
-        letters = "letters, digits, '.', '-' and '_', such as cleanrl-td3"
-        raise ValueError(
-            f"type {'the name of a task, such as face_direction' if is_task else letters}"
-        )
+        if is_task and not _TASK_IN_AN_ID.fullmatch(in_id(label)):
+            raise ValueError("type the name of a task, such as face_direction")
+        if not is_task and not LABEL.fullmatch(label):
+            raise ValueError("type letters, digits, '.', '-' and '_', such as cleanrl-td3")
+        return label
 
 
 class LabeledSettings(Labels, RecordSettings):

@@ -558,3 +558,20 @@ def test_loop_of_a_vector_environment_is_complete_however_early_episodes_end(tmp
     assert (run.status, made < 990) == ("finished", True)
     # Each step of the loop was a control step or a reset, but for resets after the last step.
     assert 1000 <= made + run.rows("episodes") <= 1002
+
+
+def test_environment_with_a_namespace_is_recorded(tmp_path):
+    task = "gym:tests.drawn_gym_tasks:lab/Drawn-v0"
+    with recorded(tmp_path, task, evaluate_episodes=0) as recording:
+        env = recording.env()
+        while recording.control_steps < STEPS:
+            env.reset()
+            is_over = False
+            while not is_over:
+                _, _, terminated, truncated, _ = env.step(env.action_space.sample())
+                is_over = terminated or truncated
+
+    assert re.fullmatch(
+        r"gym\.tests\.drawn_gym_tasks\.lab/Drawn-v0/mine/full/s07-.{8}", recording.id
+    )
+    assert record_of(tmp_path, recording.id).status == "finished"

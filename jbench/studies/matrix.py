@@ -23,15 +23,22 @@ COMPARISON = "comparison"
 OF_EVALUATION = "evaluate_"
 """Beginning of the fields of `RunSettings` that are keys of the table [evaluation]."""
 
+
+def _typed_seeds(value: Any) -> Any:
+    """Returns the seeds of a text such as 0-4, and a list as it is; a ValueError for a number."""
+    if isinstance(value, str):
+        return parse_numbers(value, "seeds")
+    if isinstance(value, int | float):
+        raise ValueError('type "0-4" for five seeds, or a list such as [0, 2]')
+    return value
+
+
 # TOML has lists; tuples are immutable.
 _Names = Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
 _Seeds = Annotated[
     tuple[Seed, ...],
     Field(strict=False, min_length=1),
-    BeforeValidator(
-        lambda text: parse_numbers(text, "seeds") if isinstance(text, str) else text,
-        json_schema_input_type=str | tuple[Seed, ...],
-    ),
+    BeforeValidator(_typed_seeds, json_schema_input_type=str | tuple[Seed, ...]),
     AfterValidator(lambda seeds: tuple(dict.fromkeys(seeds))),
 ]
 

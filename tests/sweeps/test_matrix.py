@@ -251,6 +251,7 @@ DIGITS = "9" * 5000  # more than Python reads as a number
         ('representations = ["move_to_pose/dae12/s00-12345678"]', "is of move_to_pose, which is"),
         ('representations = ["face_direction/dae12/s00-12345678"]', "No encoder face_direction/"),
         ('seeds = "3-1"', "written.toml: seeds 3-1: type seeds like 0-9"),
+        ("seeds = 5", 'seeds of the matrix can\'t be 5: type "0-4" for five seeds, or a list'),
         ("seeds = [-1]", "seeds.0 of the matrix can't be -1"),
         ("steps = 1e300", "it should be less than or equal to 1000000000000000"),
         ("evaluation = 3", "write [evaluation] and its keys below it"),

@@ -8,6 +8,7 @@ from jbench.errors import RequestError
 from jbench.report.numbers import signed, texts
 from jbench.statistics.sequential import BLOCK, ERROR_RATE
 from jbench.store import Results
+from jbench.studies.comparisons import comparisons
 from jbench.studies.deciding import MARGIN, decided_word
 from jbench.studies.entries import read_entries
 from jbench.studies.matrix import Parts
@@ -39,7 +40,7 @@ def decide(
     `typed` are the comparisons that a user asks for, none for all; see `study.chosen`. Returns the
     JSON document, and the number of runs that the last analysis lacked.
     """
-    chosen = deciding.comparisons(parts, read_entries(matrix), typed, max_seeds)
+    chosen = comparisons(parts, read_entries(matrix), typed, max_seeds)
     shares = [comparison.share for comparison in chosen]
     most = max(comparison.max_seeds for comparison in chosen)
     rates = dict.fromkeys(f"{share:.2%}" for share in (min(shares), max(shares)))

@@ -74,6 +74,12 @@ def report(
         help="Columns of tables/final_returns.tex, with commas, or all (default: those that fit a "
         "column of a paper).",
     ),
+    study: list[str] = Option(
+        [],
+        metavar="FILE.toml",
+        help="Also decide the comparisons of this matrix file, as jbench sweep FILE.toml "
+        "--until-decided does; repeatable.",
+    ),
     watch: bool = Option(
         False,
         "--watch",
@@ -100,6 +106,7 @@ def report(
     unread = len(sides) == 2 or curves is not None
     database = Results(results) if unread else parsing.results_to_read(results)
     read = [parsing.results_to_read(side) for side in sides] if unread else [database]
+    _check_studies(study)
     if watch and (json or curves):
         other = "--json" if json else "--curves"
         raise RequestError(f"--watch and {other} exclude each other; type one of them.")
@@ -117,6 +124,7 @@ def report(
         formats=tuple(dict.fromkeys(format_)),
         compare=compare,
         curves=curves,
+        study=tuple(dict.fromkeys(study)),
         names=names_typed(names_),
         table_columns=columns_of_table,
         watched=watch,
@@ -132,6 +140,14 @@ def report(
         _watch(database, [database.path, *sides], out, request)
     else:
         _report(database, out, request)
+
+
+def _check_studies(study: Sequence[str]) -> None:
+    """Raises a RequestError if a matrix file of --study can't be used."""
+    from jbench.studies.comparisons import file_comparisons
+
+    for name in study:
+        file_comparisons(name)
 
 
 def _watch(database: "Results", read: Sequence[Path], out: Path, request: Request) -> None:
@@ -170,6 +186,8 @@ def _report(database: "Results", out: Path, request: Request) -> None:
     asked = {"comparisons", "claims"}
     if not request.compare:
         asked.update(["final_returns", "verdicts"])
+    if request.study:
+        asked.add("sequential_test")
 
     for table in tables(frames):
         if table.name == "verdicts" and table.name in asked and not request.claims:

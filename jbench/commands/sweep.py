@@ -170,8 +170,10 @@ def _chosen_parts(
     matrix: str, only_some: str | None, **typed: int | list[int] | None
 ) -> dict[str, "Matrix"]:
     """Returns the parts of a matrix that a user wants, with the settings that the user typed."""
+    from jbench.studies.comparisons import check_comparisons
     from jbench.studies.matrix import only, read_matrix
 
+    check_comparisons(matrix)
     changes = {name: value for name, value in typed.items() if value is not None}
     return only(read_matrix(matrix, **changes), parsing.names_of_matrix(only_some))
 

@@ -180,10 +180,13 @@ def show_missing(cells: Sequence[Cell], results: Results) -> list[str]:
     datasets = [data for data, _ in missing if not results.is_finished("dataset", data.id)]
     encoders = [encoder for _, unfinished in missing for encoder in unfinished]
     for dataset in datasets:
-        output.say(f"Collected first: the dataset {dataset.id} of {dataset.steps:,} control steps.")
+        output.say(
+            f"To be collected first: the dataset {dataset.id} of {dataset.steps:,} control steps."
+        )
 
     if encoders:
         noun = "encoder" if len(encoders) == 1 else "encoders"
-        output.say(f"Trained first: the {noun} {', '.join(encoder.id for encoder in encoders)}.")
+        ids = ", ".join(encoder.id for encoder in encoders)
+        output.say(f"To be trained first: the {noun} {ids}.")
 
     return [*(dataset.id for dataset in datasets), *(encoder.id for encoder in encoders)]

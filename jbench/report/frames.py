@@ -110,8 +110,8 @@ class Frames:
 
     @cached_property
     def _planned(self) -> Sequence[Sequence[StudyComparison]]:
-        """The comparisons that the shipped studies plan, by study."""
-        return planned_comparisons(self._trained)
+        """The comparisons that the shipped studies plan, and those of the request, by study."""
+        return planned_comparisons(self._trained, files=self.request.study)
 
     @cached_property
     def _papers(self) -> pd.DataFrame:

@@ -40,7 +40,7 @@ OF = "of "
 
 _EXCLUSIVE = (
     ("compare", "baseline", "reference"),
-    ("curves", "compare", "baseline", "since", "claims", "reference"),
+    ("curves", "compare", "baseline", "since", "claims", "reference", "study"),
 )
 """An option, and those that have no effect beside it."""
 
@@ -127,6 +127,7 @@ class Request(Settings):
         names: names that a page, figures and tables show, by representation, kind or method.
         table_columns: columns of the LaTeX table of final returns; None: those that fit a column
             of a paper.
+        study: matrix files whose comparisons the sequential test decides, too.
         watched: whether the report is rewritten regularly: its page reloads itself, and figures
             have no files of their own.
         command: the command line, which is written into the page.
@@ -170,6 +171,7 @@ class Request(Settings):
     table_columns: tuple[str, ...] | None = None
     compare: tuple[str, str] | None = None
     curves: Path | None = None
+    study: tuple[str, ...] = ()
     watched: bool = False
     command: str = "jbench report"
 
@@ -185,7 +187,7 @@ class Request(Settings):
             known("format", name, FIGURE_FORMATS)
 
         for first, *others in _EXCLUSIVE:
-            typed = [name for name in others if getattr(self, name) not in (None, False)]
+            typed = [name for name in others if getattr(self, name) not in (None, False, ())]
             if typed and getattr(self, first) is not None:
                 raise RequestError(
                     f"--{typed[0]} and --{first} exclude each other; type one of them."

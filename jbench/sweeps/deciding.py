@@ -1,10 +1,10 @@
 """Planned comparisons in a sweep: what is decided so far, and which seeds the others need next."""
 
-from collections.abc import Callable, Collection, Container, Mapping, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass
 from functools import cache
 
-from jbench.errors import RequestError, WorkError
+from jbench.errors import WorkError
 from jbench.names import ReturnsName
 from jbench.returns import evaluation_means, final_return, mean_over_run
 from jbench.settings.run import RunSettings
@@ -14,10 +14,9 @@ from jbench.statistics.step_down import Decision
 from jbench.store import Record, Results
 from jbench.store.evaluations import added_returns, evaluation_returns
 from jbench.studies.deciding import Returns, decide
-from jbench.studies.entries import Claim, Entry
-from jbench.studies.matrix import Parts
+from jbench.studies.entries import Claim
 from jbench.studies.quantities import SPEED
-from jbench.studies.study import PlannedComparison, chosen, planned, with_baselines
+from jbench.studies.study import PlannedComparison
 from jbench.sweeps.cell import Cell, with_runs
 
 
@@ -37,32 +36,6 @@ class Outcome:
     decision: Decision
     needed: Sequence[RunSettings] = ()
     unknown: str = ""
-
-
-def comparisons(
-    parts: Parts, entries: Mapping[str, Entry], typed: Collection[str], max_seeds: int
-) -> list[PlannedComparison]:
-    """Returns the planned comparisons, or those of each reduced representation with each baseline.
-
-    Args:
-        entries: of the file; see `study.read_entries`.
-        typed: representations such as `dae12`, or pairs such as `dae12/full`; none for all.
-        max_seeds: for entries that have none.
-
-    Raises a RequestError if there are no comparisons, a name matches none of them, or the parts
-    have not exactly one pair of arms for an entry.
-    """
-    if entries:
-        return chosen(planned(parts, entries, max_seeds), typed, listed=True)
-
-    every = with_baselines(parts, max_seeds)
-    if not every:
-        raise RequestError(
-            "No two configurations of this matrix differ only in a representation and full or "
-            "scaled, so there is nothing to decide; leave --until-decided out."
-        )
-
-    return chosen(every, typed, listed=False)
 
 
 def compared_return(

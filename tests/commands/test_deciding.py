@@ -11,11 +11,11 @@ import pytest
 
 from jbench.errors import RequestError
 from jbench.store import Results, schema
+from jbench.studies.comparisons import comparisons
 from jbench.studies.entries import read_entries
 from jbench.studies.matrix import only, read_matrix
 from jbench.sweeps import deciding
 from jbench.sweeps.cell import matrix_cells
-from jbench.sweeps.deciding import comparisons
 from tests.command_line import succeed
 from tests.store.store_rows import episodes
 

@@ -1,10 +1,13 @@
 """Sweep and report decide a comparison alike: from the same runs, by the same returns."""
 
+import csv
+import re
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from jbench.cli import main
 from jbench.report.analysis.decisions import decision_frame, planned_comparisons
 from jbench.studies.deciding import decide
 from jbench.studies.entries import read_entries
@@ -75,6 +78,40 @@ def finish(results, run, evaluated, trained=TRAINED, is_finished=True):
     record.append(tables)
     if is_finished:
         record.finish({"wall_time": 1.0})
+
+
+def test_report_decides_the_comparisons_of_a_file(decided, tmp_path, capsys):
+    """Of returns 500 to 504 against 400, the difference of the means is 102."""
+
+    def fill(results, run, is_planar):
+        end = 500.0 + run.seed if is_planar else 400.0
+        finish(results, run, {**RISING, 40_000: end})
+
+    outcome, _ = decided("a", fill)
+    study = tmp_path / "study.toml"
+    typed = ["--results", str(tmp_path / "results"), "--format", "svg"]
+    capsys.readouterr()
+    assert main(["report", "--study", str(study), *typed]) == 0
+    assert re.search(r"study .* planar .* full .* higher .* 5 .* \+102 \[", capsys.readouterr().out)
+    tables = tmp_path / "results" / "report" / "tables"
+    (row,) = csv.DictReader((tables / "sequential_test.csv").open())
+    assert (row["study"], row["verdict"], row["seeds"]) == ("study", "higher", "5")
+    assert float(row["difference"]) == outcome.decision.difference == 102
+
+
+@pytest.mark.parametrize(
+    ("changed", "says"),
+    [
+        (('claim = "a"', 'claim = "d"'), "comparison 1: claim of [[comparison]] can't be 'd'"),
+        (('first = "planar"', 'first = "planer"'), "comparison 1: the matrix has no planer and"),
+    ],
+)
+def test_wrong_comparison_is_refused_before_anything_is_trained(changed, says, tmp_path, refused):
+    (tmp_path / "results").mkdir()
+    file = tmp_path / "study.toml"
+    file.write_text(STUDY.format(claim="a").replace(*changed))
+    for typed in (["sweep", file], ["sweep", file, "--dry-run"], ["report", "--study", file]):
+        assert says in refused(*typed, results=tmp_path / "results")
 
 
 @pytest.mark.parametrize(

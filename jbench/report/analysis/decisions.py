@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from jbench.names import ReturnsName
 from jbench.report.data.configuration import ID, Configuration
 from jbench.returns import EVALUATION, TRAINING, final_return, mean_over_run
 from jbench.studies.arms import Arm, run_key
+from jbench.studies.comparisons import file_comparisons
 from jbench.studies.deciding import decide, decided_word
 from jbench.studies.quantities import FINAL_RETURN
 from jbench.studies.shipped import shipped_studies
@@ -61,13 +63,17 @@ class StudyComparison:
 def planned_comparisons(
     configurations: Sequence[Configuration],
     studies: Mapping[str, Sequence[PlannedComparison]] | None = None,
+    files: Iterable[str] = (),
 ) -> list[list[StudyComparison]]:
     """Returns the comparisons of studies by name, once for each source of runs.
 
-    Without studies, they are the shipped ones on the tasks of the configurations.
+    Without studies, they are the shipped ones on the tasks of the configurations, and those of
+    matrix files, which are named without .toml. Raises a RequestError if a file can't be used.
     """
     if studies is None:
-        studies = shipped_studies({config.task for config in configurations})
+        shipped = shipped_studies({config.task for config in configurations})
+        own = {Path(file).stem: file_comparisons(file) for file in files}
+        studies = {**shipped, **own}
     found = []
     for source in dict.fromkeys(config.source for config in configurations):
         by_key = _by_key([config for config in configurations if config.source == source])

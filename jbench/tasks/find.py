@@ -4,7 +4,7 @@ import copyreg
 import importlib.util
 import logging
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import lru_cache, partial
 from importlib.metadata import EntryPoint
 from typing import Any
@@ -113,6 +113,15 @@ def check_specs(name: str, recorded: Specs | None, accept_changed: bool = False)
 def code_provenance(name: str) -> dict[str, Any]:
     """Returns `Task.code_provenance` of a task. Raises as `find_task`."""
     return find_task(name).code_provenance()
+
+
+def files_at_hand(name: str, recorded: Iterable[str]) -> dict[str, Any]:
+    """Returns what `plugins.files_at_hand` does of a task, some of whose files were recorded."""
+    if not name.startswith(GYM):
+        return plugins.files_at_hand(name, installed_tasks())
+
+    files = gym_registry.files_at_hand(recorded)
+    return {"sources": files} if files else {}
 
 
 def episode_provenance(name: str) -> dict[str, Any]:

@@ -189,6 +189,22 @@ def _register(name: str, module: str) -> None:
         ) from error
 
 
+def files_at_hand(recorded: Iterable[str]) -> dict[str, str]:
+    """Returns a checksum for each present file of an environment's code; {} if there are none.
+
+    Its modules are found by the names of the recorded files, and not imported: only an import would
+    tell which module implements an environment, and anyone may have recorded its name.
+    """
+    plugins.find_working_directory()
+    found = dict[str, str]()
+    for file in recorded:
+        module, elsewhere = plugins.module_in_file(file)
+        if file.endswith(".py") and not elsewhere and file not in found:
+            found |= source_files(module)
+
+    return found
+
+
 def provenance(name: str) -> dict[str, Any]:
     """Returns provenance of the code of an environment that was made; see `plugins.provenance`."""
     environment = find_environment(name)

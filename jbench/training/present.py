@@ -66,7 +66,9 @@ def _at_hand(record: Record, encoders: Mapping[str, Record]) -> dict[str, Any]:
     settings = record.settings
     found = dict[str, Any]()
     task = str(settings.get(_TASKS.get(record.kind, "")))
-    for key, value in plugins.files_at_hand(task, find.installed_tasks()).items():
+    files = record.manifest.provenance.get("task_sources")
+    recorded = files if isinstance(files, Mapping) else {}
+    for key, value in find.files_at_hand(task, recorded).items():
         found[f"task_{key}"] = value
 
     if record.kind == "run":

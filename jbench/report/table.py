@@ -107,8 +107,10 @@ def to_csv(frame: pd.DataFrame) -> str:
     """Returns exact numbers as CSV; no text of it is a formula of a spreadsheet."""
     rows = pa.Table.from_pandas(map_texts(frame, not_formula), preserve_index=False, nthreads=1)
     sink = io.BytesIO()
+    # Of an empty chunk, as pandas leaves of an empty frame, pyarrow would write memory of its own.
+    whole = rows.combine_chunks()
     # Ten times faster than pandas, which writes a curve of a million points in seconds.
-    csv.write_csv(rows, sink, csv.WriteOptions(include_header=False, quoting_style="needed"))
+    csv.write_csv(whole, sink, csv.WriteOptions(include_header=False, quoting_style="needed"))
     return f"{','.join(map(str, frame))}\n{sink.getvalue().decode()}"
 
 

@@ -208,6 +208,15 @@ def test_control_characters_and_formulas_reach_no_file():
     assert "\x1b" not in to_markdown(table(name=[hostile])) + to_latex(table(name=[hostile]))
 
 
+def test_csv_of_joined_frames_has_their_rows_alone():
+    """pandas keeps the chunks of an empty frame, of which pyarrow would write its own memory."""
+    empty = pd.DataFrame({"name": pd.Series([], dtype="str"), "x": pd.Series([], dtype=float)})
+    full = pd.DataFrame({"name": ["a" * 30, "b"], "x": [1.5, 2.0]})
+    for frames in ([empty, full], [full, empty], [full, empty, full], [empty, empty]):
+        rows = [f'"{"a" * 30}",1.5\n"b",2\n' for frame in frames if len(frame)]
+        assert to_csv(pd.concat(frames, ignore_index=True)) == "".join(["name,x\n", *rows])
+
+
 def test_columns_without_text_are_left_out():
     shown = table([plain("a"), plain("b")], a=["x"], b=[None]).texts()
     assert list(shown) == ["a"]

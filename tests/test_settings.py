@@ -147,6 +147,26 @@ def test_only_variant_is_named_by_what_is_not_the_default(run, named):
     assert variant_words({"a": run}) == {"a": named.split(", ") if named else []}
 
 
+def test_setting_that_another_variant_changed_has_the_value_of_its_run():
+    """The learning rate of `suite` is 1e-3, and the published one 1e-4."""
+    robot = {"task": "dmc:cheetah-run"}
+    runs = {"usual": full_run(**robot), "fast": full_run(changes={"learning_rate": 0.01}, **robot)}
+    words = {"usual": ["learning_rate=0.001"], "fast": ["learning_rate=0.01"]}
+    assert variant_words(runs) == words
+    assert variant_labels(runs) == {name: word for name, (word,) in words.items()}
+
+    runs = {
+        "published": full_run(),
+        "suite": full_run(base="suite"),
+        "fast": full_run(base="suite", changes={"learning_rate": 0.01}),
+    }
+    assert variant_words(runs) == {
+        "published": ["learning_rate=1e-04"],
+        "suite": ["settings=suite", "learning_rate=0.001"],
+        "fast": ["settings=suite", "learning_rate=0.01"],
+    }
+
+
 def test_time_limit_that_the_source_brings_is_no_word_beside_other_sources():
     runs = {
         "published": full_run("ddpg"),

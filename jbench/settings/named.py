@@ -54,6 +54,9 @@ def with_encoders(flat: Mapping[str, Flat]) -> dict[str, Flat]:
 def with_base(flat: Flat, *, only_recorded: bool) -> Flat:
     """Returns settings of a run with the name of the nearest base, and what differs from it.
 
+    A hyperparameter that is as in the base has the published value, so that runs of two bases
+    differ in it only if one of them has changed it; names show the recorded value.
+
     If `only_recorded`, options of ours that are at their default, such as `mirror`, are left out,
     and so are the name of the base that is the task's default and the time limit that the base
     brings with it.

@@ -56,8 +56,10 @@ def variant_labels(
     def label(name: str, value: Any) -> str:
         return code_word(name, value, dates or {}) or f"{name}={_text(value)}"
 
-    values = {v: with_base(flatten(run), only_recorded=False) for v, run in settings.items()}
-    return {variant: ", ".join(words) for variant, words in _labels(values, label).items()}
+    recorded = _recorded(settings)
+    values = {v: with_base(flat, only_recorded=False) for v, flat in recorded.items()}
+    labels = _labels(values, recorded, label)
+    return {variant: ", ".join(words) for variant, words in labels.items()}
 
 
 def variant_words(
@@ -102,14 +104,15 @@ def _words(
 
     first = dict(next(iter(group.items())) for group in groups.values())
     always = {variant: chosen_paths(run) | {*elsewhere} for variant, run in first.items()}
-    on_all_tasks = _labels(_shown(first), word, (*_SAME_NAME, WHOSE), always)
+    on_all_tasks = _labels(_shown(first), _recorded(first), word, (*_SAME_NAME, WHOSE), always)
 
     words: dict[str, list[str]] = {}
     for name, group in zip(first, groups.values(), strict=True):
         for task in dict.fromkeys(run.task for run in group.values()):
             # Variants on one task differ in their evaluations or encoders.
             same_task = {variant: run for variant, run in group.items() if run.task == task}
-            for variant, apart in _labels(_shown(same_task), word).items():
+            labels = _labels(_shown(same_task), _recorded(same_task), word)
+            for variant, apart in labels.items():
                 words[variant] = on_all_tasks[name] + apart
 
     return words
@@ -120,6 +123,11 @@ def _shown(settings: Mapping[str, Run]) -> dict[str, Flat]:
     return with_encoders(
         {variant: with_base(flatten(run), only_recorded=True) for variant, run in settings.items()}
     )
+
+
+def _recorded(settings: Mapping[str, Run | Mapping[str, Any]]) -> dict[str, Flat]:
+    """Returns the settings of variants as they were recorded."""
+    return {variant: flatten(run) for variant, run in settings.items()}
 
 
 def hyperparameter_words(run: Run) -> list[str]:
@@ -162,6 +170,7 @@ def _word(name: str, value: Any, dates: Mapping[str, str]) -> str:
 
 def _labels(
     values: Mapping[str, Flat],
+    recorded: Mapping[str, Flat],
     form: _Form,
     left_out: Collection[str] = VARIANT,
     always: Mapping[str, Collection[SettingPath]] | None = None,
@@ -172,7 +181,8 @@ def _labels(
     two labels equal, each label ends with the name of its variant.
 
     Args:
-        values: settings by variant.
+        values: settings by variant; see `with_base`.
+        recorded: the same as they were recorded, which labels show.
         form: see `_Form`; the value of a setting that a variant does not have is `...`.
         left_out: names of settings that no label has.
         always: of each variant, the settings that its label has even if all variants agree.
@@ -183,10 +193,14 @@ def _labels(
     every_path = dict.fromkeys(path for each in values.values() for path in each)
     names = _names([p for p in every_path if p in candidates and p[0] not in left_out])
 
+    true = {
+        variant: {path: recorded[variant].get(path, value) for path, value in each.items()}
+        for variant, each in values.items()
+    }
     labels = {}
     is_cut = False
-    for variant in _in_order(values, names):
-        texts = _texts(values[variant], names, form, always.get(variant, ()))
+    for variant in _in_order(true, names):
+        texts = _texts(true[variant], names, form, always.get(variant, ()))
         shown = _most_important(texts, values[variant], differing)
         is_cut = is_cut or len(shown) < len(texts)
         labels[variant] = [text for path, text in texts.items() if path in shown]

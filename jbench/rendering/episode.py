@@ -1,6 +1,7 @@
 """An episode of a policy as images, with text in them: task, policy, time, return and goal."""
 
 import contextlib
+import re
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -145,7 +146,7 @@ def write(
     """Returns a copy of an image (height, width, 3) with lines of text above and below.
 
     The text size is that of a number of lines in the image's height or three quarters of its width,
-    whichever is less.
+    whichever is less. Lines that are wider than the image are broken.
     """
     height, width, _ = picture.shape
     size = max(_MIN_SIZE, round(min(height, 0.75 * width) / lines_in_height))
@@ -153,6 +154,10 @@ def write(
     draw = ImageDraw.Draw(image)
     line = round(1.3 * size)
     margin = size // 2
+    above, below = (
+        [part for text in texts for part in broken(text, size, width - 2 * margin)]
+        for texts in (above, below)
+    )
     tops = [margin + line * row for row in range(len(above))]
     tops += [height - margin - line * (len(below) - row) for row in range(len(below))]
     style: dict[str, Any] = {
@@ -166,6 +171,21 @@ def write(
         draw.text((margin, top), text, **style)
 
     return np.array(image)
+
+
+def broken(text: str, size: int, width: float) -> list[str]:
+    """Returns a text in lines that fit a width, with the font in a size, both in pixels.
+
+    Lines end after a space, a slash or a comma; what has none of these is not broken.
+    """
+    lines = []
+    line = ""
+    for piece in re.findall(r"[^ /,]*[ /,]|[^ /,]+$", text):
+        if line and _font(size).getlength(f"{line}{piece}".rstrip()) > width:
+            lines.append(line)
+            line = ""
+        line += piece
+    return [*lines, line]
 
 
 @cache

@@ -5,7 +5,16 @@ import itertools
 import numpy as np
 import pytest
 
-from jbench.rendering.episode import Frame, Scene, render_episode, times, video_picture, write
+from jbench.rendering.episode import (
+    Frame,
+    Scene,
+    _font,
+    broken,
+    render_episode,
+    times,
+    video_picture,
+    write,
+)
 from jbench.task_specs import CAMERAS
 from jbench.tasks.gym import RobotEnv
 from jbench.tasks.jitterbug import features, geometry, resets
@@ -168,3 +177,20 @@ def test_numbers_have_fixed_width():
 def test_small_pictures_keep_legible_letters():
     rows = changed_rows(write(plain(0, 64, 64), ["8"], [], lines_in_height=24), plain(0, 64, 64))
     assert rows[1] - rows[0] >= 8
+
+
+def test_lines_wider_than_the_picture_are_broken():
+    text = "gym:lab:Own/Walker-v0,mass=2, gym.lab.Own/Walker-v0.mass.2/td3/dae12/s00-12345678"
+    lines = broken(text, 11, 200)
+    assert "".join(lines) == text
+    assert len(lines) > 2
+    assert all(line[-1] in " /," for line in lines[:-1])
+    assert max(_font(11).getlength(line.rstrip()) for line in lines) <= 200
+    assert broken(text, 11, 2000) == [text]
+    assert broken("", 11, 200) == [""]
+    assert broken("x" * 99, 11, 200) == ["x" * 99]
+    # The second line is drawn below the first.
+    black = np.zeros((100, 200, 3), np.uint8)
+    once, twice = (write(black, ["ab " * n], [], lines_in_height=9) for n in (1, 30))
+    assert not once[30:].any()
+    assert twice[30:60].any()

@@ -1,6 +1,6 @@
 """The trained agents of finished runs, usable without the library that trained them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +21,8 @@ class TrainedAgent:
     """The policy of a finished run together with its encoder."""
 
     task: str
-    policy: SavedNetwork
-    encoder: Encoder | None
+    policy: SavedNetwork = field(repr=False)  # of thousands of numbers
+    encoder: Encoder | None = field(repr=False)
 
     def act(self, observations: Array) -> Array:
         """Returns actions (..., action_size) for observations (..., dim(O)), or a RequestError."""

@@ -3,11 +3,13 @@
 import json
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from itertools import dropwhile, zip_longest
 from typing import Any
 
 import pandas as pd
 
 from jbench.report.data.configuration import Configuration
+from jbench.report.request import settings_typed
 from jbench.settings.code_words import code_checksums, with_times
 from jbench.settings.recorded import comparable, without_code
 from jbench.store.code import Code, changed_files, code_of, have_changed
@@ -81,6 +83,13 @@ def split_by_code(
     return names.where(is_named.reindex(runs.index, fill_value=False), "")
 
 
+def own_words(words: str, others: str) -> str:
+    """Returns the words of a name after those with which another one begins, too."""
+    pairs = zip_longest(settings_typed(words), settings_typed(others))
+    own = dropwhile(lambda pair: pair[0] == pair[1], pairs)
+    return ", ".join(word for word, _ in own if word is not None)
+
+
 def note_changes(
     configurations: Sequence[Configuration], codes: Mapping[str, Code], dates: Mapping[str, str]
 ) -> None:
@@ -103,6 +112,6 @@ def note_changes(
                 what = have_changed(files) if files else "the code has changed"
                 begun = [min(dates[run] for run in each.runs) for each in (config, other)]
                 _, date = with_times(begun)
-                which = other.words or f"the runs of {date}"
+                which = own_words(other.words, config.words) or f"the runs of {date}"
                 note = f"{what} between these runs and {which}: no curve has both"
                 config.notes = (*config.notes, note)

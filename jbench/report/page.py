@@ -14,6 +14,7 @@ from matplotlib.markers import MarkerStyle
 from jbench.names import MEANINGS, kind_in
 from jbench.paper import CITATION
 from jbench.report import style
+from jbench.report.data.source_names import IMPORTED
 from jbench.report.encoders import descriptions
 from jbench.report.figures.chart import Chart
 from jbench.report.frames import Frames
@@ -54,7 +55,7 @@ def render(frames: Frames, made: Sequence[Chart]) -> str:
         repeat=repetition(frames.source, frames.results),
         runs=asdict(run_details(frames)),
         command=clean(frames.request.command),
-        citation=CITATION if len(frames.published) else "",
+        citation=CITATION if (frames.published["source"] != IMPORTED).any() else "",
     )
 
 
@@ -90,7 +91,7 @@ def _title(frames: Frames) -> str:
     about = "jbench"
     names = frames.configurations["configuration"]
     if frames.request.curves is not None:
-        about = clean(frames.request.curves.name)
+        about = clean(frames.request.curves.resolve().name)
         names = frames.runs["configuration"]
 
     count = counted(names.nunique(), "configuration")

@@ -127,6 +127,17 @@ def test_baseline_is_drawn_like_published_curves(imported):
     assert [*curves.legend] == ["imported: fast", "imported"]
 
 
+def test_paper_is_cited_only_for_curves_of_its_own(imported):
+    typed = ["--baseline", "slow", "--format", "svg", "--results", str(imported)]
+    pages = {}
+    for published in ("yes", "no"):
+        assert main(["report", "--published", published, *typed]) == 0
+        pages[published] = (imported / "report" / "index.html").read_text()
+
+    assert "Published curves:" in pages["yes"]
+    assert "Published curves:" not in pages["no"]
+
+
 @pytest.mark.parametrize(
     ("typed", "says"),
     [

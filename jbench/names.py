@@ -54,6 +54,7 @@ ENCODER_KINDS = {kind: f"jbench.encoders.kinds.{path}" for kind, (path, _) in _K
 MEANINGS = {
     "full": "the observation of the task",
     **{kind: meaning for kind, (_, meaning) in _KINDS.items()},
+    "ofe": "features that are learned with the agent",
     "-without-": "without these features of the observation",
     "-of-": "of these features of the observation",
     "-script": "trained as in the authors' script",
@@ -198,6 +199,12 @@ MAX_SEED = 2**63 - 1  # the database stores seeds as signed 64-bit integers
 MAX_COUNT = 10**15  # the largest number of control steps that users may type
 
 MAX_SEEDS = 30  # of a configuration with --until-decided, unless another number is typed
+
+PAGE = "index.html"
+"""File of a report to open in a browser."""
+
+LISTING = "report.json"
+"""File that lists what a report has written, beside its page."""
 
 CHECKPOINT_EVERY = 60.0
 """Minimum seconds between two checkpoints of a run; a kill loses at most this and one episode."""

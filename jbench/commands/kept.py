@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from jbench.names import PAGE
 from jbench.settings.records import DatasetSettings
 from jbench.settings.run import RunSettings
 from jbench.wording import are, counted
@@ -80,7 +81,7 @@ def kept_of_cells(cells: Sequence["Cell"], results: "Results") -> str:
 
 def kept_report(out: Path) -> str:
     """Returns what is said of a report whose writing was stopped."""
-    if not (out / "index.html").exists():
+    if not (out / PAGE).exists():
         return "No report is written yet; the same command begins again."
 
     return f"The earlier report in {out} is still there; the same command writes the new one."

@@ -157,7 +157,7 @@ def _watch(database: "Results", read: Sequence[Path], out: Path, request: Reques
     with contextlib.suppress(KeyboardInterrupt):
         for _ in changes(read):
             _report_if_possible(database, out, request)
-            opened = opened or open_page(out / "index.html")
+            opened = opened or open_page(out / names.PAGE)
 
     output.say("No longer watching; writing the last report with all its files.")
     _report_if_possible(database, out, request.model_copy(update={"watched": False}))
@@ -200,7 +200,7 @@ def _report(database: "Results", out: Path, request: Request) -> None:
         output.say(f"Note: {note}")
 
     output.say(frames.headline)
-    page = out / "index.html"
+    page = out / names.PAGE
     output.say(f"Wrote {len(written.files)} files to {page.parent}; open {page} in a browser.")
     if output.is_json:
         shown = ["configurations", "verdicts", "comparisons"]

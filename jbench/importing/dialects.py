@@ -2,7 +2,7 @@
 
 import re
 from codecs import BOM_UTF8
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +10,12 @@ import pandas as pd
 
 from jbench.errors import RequestError
 from jbench.importing import tables
-from jbench.importing.event_file import read_event_file
+from jbench.importing.event_file import Events, read_event_file
+from jbench.importing.folder import curve_files
 from jbench.importing.foreign import is_of_tensorboard
 from jbench.importing.json_curves import curves_by_task, listed_curves
 from jbench.importing.named_columns import read_named_columns
-from jbench.importing.path_names import PathNames, names_in_path
+from jbench.importing.path_names import PathNames, names_in_path, notes_on_names
 from jbench.importing.readers import Series, read_evaluations, read_monitor
 from jbench.importing.request import EVALUATION_TAG, TAGS
 from jbench.importing.resumed import continued, in_order
@@ -27,6 +28,12 @@ _COLUMNS = [*_RUN, "steps", "return"]
 _MOST = 1e15
 """Largest return; differences and sums of larger ones are no longer exact numbers."""
 
+_OF_TRAINING = (
+    "Each return of {} is that of a training episode; --returns training smooths them, and takes "
+    "the mean of the last ones as final return."
+)
+"""Note on files without evaluations, where those were asked for."""
+
 _MONITOR = re.compile(rb"#\s*{")
 """Beginning of the file of a Monitor."""
 
@@ -36,22 +43,23 @@ def read_curves(path: Path, returns: ReturnsName = "evaluation") -> tables.Curve
 
     A file is CSV with a row for each point, whose columns have any of the usual names, the JSON of
     HumanoidBench or DreamerV3, an `evaluations.npz` or a Monitor's file of stable-baselines3, or
-    one of TensorBoard. Of a folder that has files of stable-baselines3, those with the kind of
-    returns are read.
+    one of TensorBoard. Of a folder, the files of one kind are read: where it has files of
+    stable-baselines3, those with the kind of returns.
 
     Raises:
         RequestError: if it can't be read, lacks a column, or has a value that is none.
     """
     parts = []
     of_tensorboard = []
-    for file in map(tables.open_file, _files(path, returns)):
+    found = curve_files(path, returns)
+    for file in map(tables.open_file, found.files):
         if is_of_tensorboard(file.content):
             of_tensorboard.append(file)
         else:
-            parts.append(_read(file))
+            parts.append(_read(file, returns))
 
     if of_tensorboard:
-        parts.append(_from_events(of_tensorboard, returns))
+        parts.append(_from_events(of_tensorboard, returns, path))
 
     points = pd.concat([part.points for part in parts], ignore_index=True)
     if "wall_time" in points:  # of Monitors, of which a run has one for each of its environments
@@ -59,29 +67,13 @@ def read_curves(path: Path, returns: ReturnsName = "evaluation") -> tables.Curve
         counted_steps = points.groupby(_RUN)["length"].cumsum()
         points["steps"] = counted_steps.fillna(points["steps"])
     points = points[_COLUMNS]
-    notes = list(dict.fromkeys(note for part in parts for note in part.notes))
+    named = [names for part in parts for names in part.named]
+    others = dict.fromkeys(note for part in parts for note in part.notes)
+    notes = [*found.notes, *notes_on_names(named), *others]
     return tables.CurveFile(_checked(points, path), notes)
 
 
-def _files(path: Path, returns: ReturnsName) -> Sequence[Path]:
-    """Returns the files of a folder that have curves, of the kind of return that is asked for."""
-    if not path.is_dir():
-        return [path]
-
-    of_sb3 = [("*monitor.csv",), ("evaluations*.npz",)]
-    if returns == "evaluation":
-        of_sb3.reverse()
-
-    for patterns in (*of_sb3, ("*.csv", "*.json"), ("progress.txt",), ("*.tfevents.*",)):
-        if found := sorted(file for pattern in patterns for file in path.rglob(pattern)):
-            return found
-
-    raise RequestError(
-        f"{path} is a directory without a .csv, .json, .npz or event file; name a file."
-    )
-
-
-def _read(file: tables.ImportedFile) -> tables.CurveFile:
+def _read(file: tables.ImportedFile, returns: ReturnsName) -> tables.CurveFile:
     """Reads a file by its first bytes, whatever its name is."""
     start = file.content.removeprefix(BOM_UTF8).lstrip()
     if start.startswith(b"{"):
@@ -89,7 +81,7 @@ def _read(file: tables.ImportedFile) -> tables.CurveFile:
     if start.startswith(b"["):
         return tables.CurveFile(listed_curves(file), [])
     if _MONITOR.match(start):
-        return _from_monitor(file)
+        return _from_monitor(file, returns)
     if start.startswith(b"PK"):
         return _from_evaluations(file)
     return read_named_columns(file)
@@ -143,16 +135,16 @@ def _from_evaluations(file: tables.ImportedFile) -> tables.CurveFile:
     points = points.rename(columns={"control_steps": "steps", "episode_return": "return"})
     means = points.groupby("point", as_index=False)[["steps", "return"]].mean()
     names = names_in_path(file.path)
-    return tables.CurveFile(_labelled(means, names), [_note_on_path(file.path, names)])
+    return tables.CurveFile(_labelled(means, names), [], [names])
 
 
-def _from_monitor(file: tables.ImportedFile) -> tables.CurveFile:
+def _from_monitor(file: tables.ImportedFile, returns: ReturnsName) -> tables.CurveFile:
     """Reads the training episodes of a run, of which a later part may have been appended."""
     monitor = read_monitor(file)
     names = names_in_path(file.path)
     if monitor.env_id not in ("", "None"):
-        names = names._replace(task=monitor.env_id)
-    notes = [_note_on_path(file.path, names)]
+        names = names._replace(task=monitor.env_id, is_task_of_path=False)
+    notes = [_OF_TRAINING.format("a Monitor")] if returns == "evaluation" else []
     if monitor.restarts:
         notes.append(
             f"The time goes back {counted(len(monitor.restarts), 'time')} in {file.path.name}: it "
@@ -160,21 +152,41 @@ def _from_monitor(file: tables.ImportedFile) -> tables.CurveFile:
         )
 
     points = monitor.points.rename(columns={"control_steps": "steps", "episode_return": "return"})
-    return tables.CurveFile(_labelled(points, names), notes)
+    return tables.CurveFile(_labelled(points, names), notes, [names])
 
 
-def _from_events(files: Sequence[tables.ImportedFile], returns: ReturnsName) -> tables.CurveFile:
+def _from_events(
+    files: Sequence[tables.ImportedFile], returns: ReturnsName, path: Path
+) -> tables.CurveFile:
     """Reads the returns of runs in TensorBoard, whose names are those of folders.
 
-    A run that was resumed has several files.
+    A run that was resumed has several files. A file without any scalar, as of a program that ended
+    at once, is left out.
     """
     runs: dict[tuple[str, str, int], list[Series]] = {}
-    notes: list[str] = []
+    named: list[PathNames] = []
+    left_out: dict[str, list[str]] = {}
+    empty: list[Path] = []
     for file in files:
+        events = read_event_file(file)
+        if not events.scalars and len(files) > 1:
+            empty.append(file.path)
+            continue
+
         names = names_in_path(file.path)
-        part, more = _scalars(file, names.seed, returns)
+        part, note = _scalars(file, events, names.seed, returns)
         runs.setdefault((names.task, names.method, names.seed), []).append(part)
-        notes += [_note_on_path(file.path, names), *more]
+        named.append(names)
+        if note:
+            left_out.setdefault(note, []).append(file.path.name)
+
+    if not runs:
+        raise RequestError(f"No event file in {path} has a scalar; name a folder of trainings.")
+
+    notes = _notes_on_events(left_out, empty)
+    tags = {part.columns["return"] for parts in runs.values() for part in parts}
+    if returns == "evaluation" and TAGS[0] in tags:
+        notes.append(_OF_TRAINING.format(TAGS[0]))
 
     curves = []
     for (task, method, seed), parts in runs.items():
@@ -193,14 +205,29 @@ def _from_events(files: Sequence[tables.ImportedFile], returns: ReturnsName) -> 
 
         curves.append(means.assign(task=task, method=method, seed=seed))
 
-    return tables.CurveFile(pd.concat(curves, ignore_index=True), notes)
+    return tables.CurveFile(pd.concat(curves, ignore_index=True), notes, named)
+
+
+def _notes_on_events(left_out: Mapping[str, Sequence[str]], empty: Sequence[Path]) -> list[str]:
+    """Returns sentences on what is not shown: tags, by what is said of them, and empty files."""
+    notes = []
+    for note, names in left_out.items():
+        where = names[0] if len(names) == 1 else f"{len(names)} event files such as {names[0]}"
+        notes.append(f"Of the tags in {where}, {note}.")
+
+    if empty:
+        first = f"{empty[0].resolve().parent.name}/{empty[0].name}"
+        where = first if len(empty) == 1 else f"{len(empty)} event files, such as {first},"
+        verb = "has no scalar and is" if len(empty) == 1 else "have no scalar and are"
+        notes.append(f"{where} {verb} left out.")
+
+    return notes
 
 
 def _scalars(
-    file: tables.ImportedFile, seed: int, returns: ReturnsName
-) -> tuple[Series, list[str]]:
-    """Returns the returns in a file of TensorBoard, and a note on other tags that it has."""
-    events = read_event_file(file)
+    file: tables.ImportedFile, events: Events, seed: int, returns: ReturnsName
+) -> tuple[Series, str]:
+    """Returns the returns in a file of TensorBoard, and what is said of other tags; "" of none."""
     scalars = events.scalars
     known = [EVALUATION_TAG, *TAGS] if returns == "evaluation" else [*TAGS]
     tag = next((tag for tag in known if tag in scalars), None)
@@ -216,21 +243,10 @@ def _scalars(
         raise RequestError(f"{file.path}: a value of {tag} is not a finite number.")
 
     others = [other for other in (EVALUATION_TAG, *TAGS) if other in scalars and other != tag]
-    notes = []
-    if others:
-        notes.append(f"Of the tags in {file.path.name}, {tag} is shown, not {in_prose(others)}.")
-
-    return Series(file, seed, returns, points, {"return": tag}, events.resumed_at), notes
+    note = f"{tag} is shown, not {in_prose(others)}" if others else ""
+    return Series(file, seed, returns, points, {"return": tag}, events.resumed_at), note
 
 
 def _labelled(points: pd.DataFrame, names: PathNames) -> pd.DataFrame:
     """Returns points with the labels of their run."""
     return points.assign(task=names.task, method=names.method, seed=names.seed)
-
-
-def _note_on_path(path: Path, names: PathNames) -> str:
-    """Returns what a reader has to know of labels that a file lacks."""
-    return (
-        f"{path.resolve().parent.name}/{path.name}: method {names.method}, task {names.task} and "
-        f"seed {names.seed} are those of its path."
-    )

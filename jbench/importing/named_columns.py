@@ -11,6 +11,7 @@ from jbench.errors import RequestError
 from jbench.importing import tables
 from jbench.importing.path_names import PathNames, names_in_path, without_seed
 from jbench.importing.request import EVALUATION_TAG, RETURN, STEPS, TAGS
+from jbench.importing.wandb_chart import is_chart, read_chart
 from jbench.names import in_prose
 
 _MORE_STEPS = (
@@ -72,7 +73,9 @@ def read_named_columns(file: tables.ImportedFile) -> tables.CurveFile:
     """
     # Spreadsheets end the last line without a line break.
     table = tables.read_table(file, ends_line=False)
-    _refuse_chart_of_wandb(table, file)
+    if is_chart(table):
+        return read_chart(table, file)
+
     named = {_usual(column): column for column in reversed(list(map(str, table)))}
     columns, notes = _columns(named, table, file)
     metric = next((named[name] for name in _METRIC if name in named), None)
@@ -143,16 +146,6 @@ def _labels_in_path(
 
     method = names.task if has_task else names.method
     return {"task": (names.task, "folder"), "method": (method, "folder")}
-
-
-def _refuse_chart_of_wandb(table: pd.DataFrame, file: tables.ImportedFile) -> None:
-    """Raises a RequestError for a chart of W&B, which has a column for each run."""
-    if any(re.search(r" - .*__MIN$", str(column)) for column in table):
-        raise RequestError(
-            f"{file.path} is a chart of W&B, with a column for each run; type jbench import --from "
-            "wandb-csv if it is of a task of jbench, or write a row for each point, with "
-            f"{', '.join(_NAMES)}."
-        )
 
 
 def _columns(

@@ -16,13 +16,11 @@ from jbench.errors import RequestError
 from jbench.importing.event_file import read_event_file
 from jbench.importing.request import RETURN, STEPS, TAGS, ImportRequest
 from jbench.importing.tables import ImportedFile, check_column, numbers, read_table, seeds
+from jbench.importing.wandb_chart import NOT_CONTROL_STEPS, columns_of_runs
 from jbench.names import TASKS, ImportFormat, ReturnsName
 from jbench.registration import environment_id
 from jbench.task_specs import SUITE_TASKS
 
-# Axes of W&B, whose `Step` counts calls of `wandb.log`, and endings of columns without a metric.
-_NOT_CONTROL_STEPS = ("Step", "Wall Time", "Relative Time (Wall)", "Relative Time (Process)")
-_NO_METRICS = ("__MIN", "__MAX", "_step", "_runtime", "_timestamp")
 _MAX_TIME = 1e12  # s since 1970; excludes NaN and infinity
 _ARRAYS = ("timesteps", "results", "ep_lengths")
 
@@ -67,27 +65,18 @@ def _read_csv(file: ImportedFile, request: ImportRequest) -> list[Series]:
 
 
 def _read_wandb(file: ImportedFile, request: ImportRequest) -> list[Series]:
-    """Returns the learning curve of each run of a chart that W&B exported.
-
-    The first column is the horizontal axis. A run has the column "RUN - METRIC", and with the
-    endings __MIN and __MAX those of the values that W&B has averaged.
-    """
+    """Returns the learning curve of each run of a chart that W&B exported; see `wandb_chart`."""
     # W&B ends the last line without a line break.
     table = read_table(file, ends_line=False)
     steps = request.steps_column or str(table.columns[0])
     check_column(table, steps, file, "type --steps-column with one of")
-    if request.steps_column is None and steps in _NOT_CONTROL_STEPS:
+    if request.steps_column is None and steps in NOT_CONTROL_STEPS:
         raise RequestError(
             f"The horizontal axis of {file.path} is {steps!r}, which need not be control steps; "
             f"choose the axis global_step in W&B, or type --steps-column {steps!r} if it is."
         )
 
-    runs: dict[str, dict[str, str]] = {}  # columns of each metric, by run
-    for column in map(str, table.columns):
-        run, dash, metric = column.rpartition(" - ")
-        if dash and not metric.endswith(_NO_METRICS):
-            runs.setdefault(metric, {})[run] = column
-
+    runs = columns_of_runs(table)
     metric = request.return_column or (next(iter(runs)) if len(runs) == 1 else "")
     if metric not in runs:
         reason = f"no metric {metric!r}" if metric else "not exactly one metric"

@@ -8,7 +8,7 @@ import hashlib
 import io
 import re
 from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
@@ -18,6 +18,7 @@ import pandas as pd
 
 from jbench.errors import RequestError
 from jbench.importing.foreign import is_of_tensorboard, refuse_foreign
+from jbench.importing.path_names import PathNames
 from jbench.importing.request import parse_seed
 from jbench.importing.written_numbers import correction_of, has_decimal_commas
 
@@ -42,10 +43,17 @@ class ImportedFile(NamedTuple):
 
 
 class CurveFile(NamedTuple):
-    """The points of a file, and what a reader has to know of how it was read."""
+    """The points of a file, and what a reader has to know of how it was read.
 
-    points: pd.DataFrame  # task, method, seed, steps and return, in this order
-    notes: list[str]  # sentences
+    Attributes:
+        points: task, method, seed, steps and return, in this order.
+        notes: sentences.
+        named: labels of paths that the files of the points lack.
+    """
+
+    points: pd.DataFrame
+    notes: list[str]
+    named: Sequence[PathNames] = ()
 
 
 def open_file(path: Path) -> ImportedFile:

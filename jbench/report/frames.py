@@ -161,9 +161,9 @@ class Frames:
         return [*map(clean, (*self.source.problems, *unread))]
 
     @property
-    def interpolated(self) -> bool:
-        """Whether seeds of a curve were logged at different control steps."""
-        return any(config.common.interpolated for config, _ in self._plain)
+    def interpolated(self) -> set[str]:
+        """The kinds of return that seeds of a curve have at different control steps."""
+        return {config.returns_name for config, _ in self._plain if config.common.interpolated}
 
     # Returns.
 

@@ -178,7 +178,8 @@ def _best(configurations: pd.DataFrame) -> str:
     text = ""
     for row in best.to_dict("records"):
         reached = f"a median return of {whole(row['median'])} on {row['task']}"
-        median = f"{reached} after {steps(row['steps'])} control steps"
+        ends = dict.fromkeys((steps(row["steps_min"]), steps(row["steps"])))
+        median = f"{reached} after {' to '.join(ends)} control steps"
         longer = f"{text} {row['label']} reaches {median}.".strip()
         if not text or len(longer.split()) <= _MAX_WORDS:
             text = longer

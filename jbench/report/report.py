@@ -18,6 +18,7 @@ from typing import NamedTuple
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from jbench.names import LISTING, PAGE
 from jbench.report.frames import DEFAULT, Frames
 from jbench.report.latex import to_latex
 from jbench.report.request import Request
@@ -26,7 +27,6 @@ from jbench.report.tables import for_paper, notes, tables
 from jbench.store.database import Results
 from jbench.store.files import make_directory, open_plain, remove, sha256, write_atomic
 
-LISTING = "report.json"
 _NAME = re.compile(r"((figures|tables)/)?[A-Za-z0-9_][A-Za-z0-9_.-]*")
 _MAX_LISTING = 1 << 22  # bytes
 _GLYPH = re.compile(r"Glyph (\d+) ")
@@ -85,7 +85,7 @@ def _contents(frames: Frames) -> dict[str, bytes]:
     request = frames.request
     texts = {} if request.watched else dict(table_files(frames))
     made = charts(frames)
-    files = {"index.html": render(frames, made).encode()}
+    files = {PAGE: render(frames, made).encode()}
     if request.watched:
         return files
 

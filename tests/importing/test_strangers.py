@@ -5,6 +5,7 @@ import itertools
 import json
 import os
 import pickle
+import shutil
 import zipfile
 from pathlib import Path
 
@@ -137,7 +138,12 @@ def test_number_that_is_none_is_refused_with_what_to_write(text, instead, tmp_pa
         ("method,task,steps,return\nA,t,1,5\n", "or put it into a name of the path, such as seed0"),
         ("method,task,seed,steps,return\nÄ,t,0,1,5\n".encode("latin-1"), "iconv -f ENCODING"),
         ("method,task,seed,steps,return\nA,t,0,1,5\n".encode("utf-16-le"), "iconv -f ENCODING"),
-        ('"global_step","a - r","a - r__MIN","a - r__MAX"\n"1","1","1","1"\n', "a chart of W&B"),
+        ('"Step","a - r","a - r__MIN","a - r__MAX"\n"1","1","1","1"\n', "choose the axis global_s"),
+        ('"global_step","a - r","a - s"\n"1","1","1"\n', "the metrics r, s; export a chart of one"),
+        (
+            '"global_step","a_s1 - r","a-seed-1 - r"\n"1","1","1"\n',
+            "the runs a_s1 and a-seed-1 are both seed 1 of a; write their seeds into their names",
+        ),
         ('[{"method": "A"}]', 'which is [{"task": ...'),
         (b"\xff\xfe", "is empty"),  # UTF-16
         ("# only a comment\n", "has a header, but no rows"),
@@ -404,6 +410,19 @@ SIMBA = """,exp_name,env_name,seed,metric,env_step,value
             [(0, 1), (9, 2)],
         ),
         (
+            "hopper.csv",  # a chart of W&B
+            '"global_step","sac-seed-3 - eval/return","sac-seed-3 - eval/return__MIN"\n'
+            '"100","1","0"\n"150","",""\n"200","2","1"\n',
+            ("sac", "hopper", 3),
+            [(100, 1), (200, 2)],
+        ),
+        (
+            "chart.csv",
+            '"global_step","Ant-v4__td3__2__1700000000 - charts/episodic_return"\n"100","1"\n',
+            ("td3", "Ant-v4", 2),
+            [(100, 1)],
+        ),
+        (
             "ppo.csv",  # one method
             "env_id,seed,step,env_step,score\nant,0,3,3000,4\n",
             ("ppo", "ant", 0),
@@ -524,6 +543,65 @@ def test_tensorboard_files_of_cleanrl_and_stable_baselines3_are_read(tmp_path):
         read_curves(tmp_path / "other")
 
 
+def test_folders_of_stable_baselines3_are_named_after_its_classes(tmp_path):
+    for folder in ("Hopper-v4/PPO_1", "Hopper-v4/TD3_2", "Walker2d-v4/td3/TD3_1"):
+        events(tmp_path / "tb" / folder, {"rollout/ep_rew_mean": [(9, 3)]})
+    points = read_curves(tmp_path / "tb").points
+    assert points[["task", "method", "seed"]].values.tolist() == [
+        ["Hopper-v4", "PPO", 1],
+        ["Hopper-v4", "TD3", 2],
+        ["Walker2d-v4", "TD3", 1],
+    ]
+
+
+def test_event_file_of_a_program_that_ended_at_once_is_left_out(tmp_path):
+    for seed in (1, 2):
+        run = tmp_path / "runs" / f"Hopper-v4__td3__{seed}__1700000000"
+        events(run, {"charts/episodic_return": [(100, 10)], "rollout/ep_rew_mean": [(100, 9)]})
+    events(tmp_path / "runs" / "Hopper-v4__td3__3__1700000000", {})
+    file = read_curves(tmp_path / "runs")
+    assert file.points["seed"].tolist() == [1, 2]
+    paths, tags, empty, smoothed = file.notes
+    assert paths.startswith("2 files such as Hopper-v4__td3__1__1700000000/events.out.tfevents.")
+    assert paths.endswith(": method td3, task Hopper-v4 and seeds 1, 2 are those of their paths.")
+    assert tags.startswith("Of the tags in 2 event files such as events.out.tfevents.")
+    assert tags.endswith(", charts/episodic_return is shown, not rollout/ep_rew_mean.")
+    assert empty.startswith("Hopper-v4__td3__3__1700000000/events.out.tfevents.")
+    assert empty.endswith(" has no scalar and is left out.")
+    assert smoothed.startswith("Each return of charts/episodic_return is that of a training episo")
+    assert smoothed not in read_curves(tmp_path / "runs", "training").notes
+    for folder in tmp_path.glob("runs/*__[12]__*"):
+        shutil.rmtree(folder)
+    with pytest.raises(RequestError, match="write a CSV file of one of its tags: none"):
+        read_curves(tmp_path / "runs")
+
+
+def test_other_kinds_of_files_in_a_folder_are_counted_and_reports_are_no_curves(tmp_path):
+    curves = "method,task,seed,steps,return\nA,t,0,0,1\nA,t,0,9,2\n"
+    (tmp_path / "mine").mkdir()
+    written(tmp_path / "mine" / "a.csv", curves)
+    out = str(tmp_path / "mine" / "a-report")
+    assert main(["report", "--curves", str(tmp_path / "mine"), "--out", out]) == 0
+    assert (tmp_path / "mine" / "a-report" / "tables" / "final_returns.csv").exists()
+    record = tmp_path / "mine" / "results" / "runs" / "walk"
+    record.mkdir(parents=True)
+    written(record / "manifest.json", '{"schema_version": 5}')
+    assert read_curves(tmp_path / "mine").points["return"].tolist() == [1, 2]
+    with pytest.raises(RequestError, match=r"of jbench; type --results .*results instead of --cur"):
+        read_curves(tmp_path / "mine" / "results")
+    run = tmp_path / "mine" / "sac" / "Hopper-v4_1"
+    monitor(run / "0.monitor.csv", [(5, 100, 1.0)])
+    file = read_curves(tmp_path / "mine")
+    assert file.points["return"].tolist() == [5]
+    assert file.notes == [
+        "The folder has files such as 0.monitor.csv, so 1 file such as mine/a.csv is left out; "
+        "name a file, or a folder that has files of one kind.",
+        "Hopper-v4_1/0.monitor.csv: method sac and seed 1 are those of its path.",
+        "Each return of a Monitor is that of a training episode; --returns training smooths them, "
+        "and takes the mean of the last ones as final return.",
+    ]
+
+
 def test_file_of_a_second_monitor_is_refused_with_its_line(tmp_path):
     file = monitor(tmp_path / "0.monitor.csv", [(5, 100, 1.0)])
     file.write_text(file.read_text() * 2)
@@ -574,3 +652,11 @@ def test_headline_says_after_how_many_steps(tmp_path):
     file = written(tmp_path / "c.csv", "\n".join(["method,task,seed,steps,return", *rows]) + "\n")
     headline = Frames(None, Request(curves=file)).headline
     assert "after 1M control steps" in headline
+
+
+def test_headline_of_one_method_has_the_range_of_its_seeds(tmp_path):
+    rows = ["A,t,0,0,1", "A,t,0,500,3", "A,t,1,0,1", "A,t,1,2000,5", "A,t,1,3000,7"]
+    file = written(tmp_path / "c.csv", "\n".join(["method,task,seed,steps,return", *rows]) + "\n")
+    frames = Frames(None, Request(curves=file))
+    assert frames.headline == "A reaches a median return of 5 on t after 500 to 3k control steps."
+    assert "t A: seeds of unequal length, 2 to 3 points." in frames.notes

@@ -54,6 +54,14 @@ def two_methods(tmp_path_factory):
     return write_csv(tmp_path_factory.mktemp("two") / "two.csv", curves)
 
 
+def test_page_of_the_working_directory_has_its_name(tmp_path, monkeypatch):
+    (tmp_path / "mine").mkdir()
+    write_csv(tmp_path / "mine" / "c.csv", {("PPO", "hopper", 0): [1, 2]})
+    monkeypatch.chdir(tmp_path / "mine")
+    assert main(["report", "--curves", ".", "--format", "svg", "--out", "out"]) == 0
+    assert "<title>mine: 1 run" in Path("out/index.html").read_text()
+
+
 def test_numbers_over_tasks_equal_rliable(tmp_path):
     case = json.loads(ORACLE.read_text())
     thresholds, case = case["thresholds"], case["cases"][2]  # of five tasks

@@ -49,8 +49,8 @@ def test_seeds_are_aligned_by_control_steps(fabric):
     assert seed_scores(cell, 25_000).final.tolist() == [1, 20]
     assert cell.notes == (
         "1 of 3 seeds have no evaluation",
-        "its seeds were logged at different control steps: each is interpolated linearly between "
-        "its own points",
+        "its seeds were logged at different control steps: the curve of evaluation returns of each "
+        "is interpolated linearly between its own points",
     )
 
 

@@ -8,9 +8,10 @@ import pandas as pd
 import pytest
 
 from jbench.errors import RequestError, WorkError
+from jbench.names import LISTING
 from jbench.report import page, tables
 from jbench.report.frames import Frames
-from jbench.report.report import LISTING, _write, write_report
+from jbench.report.report import _write, write_report
 from jbench.report.request import Request
 from jbench.report.table import Table
 

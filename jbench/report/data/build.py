@@ -192,7 +192,7 @@ def _build(
             continue
 
         # Both kinds are of the same runs, on which only the first one has notes.
-        notes = notes_on_runs(same, chosen, kind, words) if notes is None else []
+        notes = notes_on_runs(same, chosen, kind, source, words) if notes is None else []
         used = chosen[has_points]
         if missing := len(chosen) - len(used):
             point = "evaluation" if kind == EVALUATION else "training episode"

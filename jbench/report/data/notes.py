@@ -21,10 +21,11 @@ _VALUE: dict[ReturnsName, str] = {TRAINING: "return", EVALUATION: "evaluation"}
 
 
 def notes_on_runs(
-    same: pd.DataFrame, chosen: pd.DataFrame, kind: ReturnsName, words: Sequence[str]
+    same: pd.DataFrame, chosen: pd.DataFrame, kind: ReturnsName, source: str, words: Sequence[str]
 ) -> list[str]:
     """Returns notes on unusual ones of the runs of the same settings, of which some are chosen."""
-    point = _POINT[kind]
+    # Of which kind the returns of a file are is not known.
+    point = "point" if source == FILE else _POINT[kind]
     notes = []
     is_cut = any(CUT in word for word in words)
     if is_cut and (every := chosen_words(chosen["typed"].iloc[0])):
@@ -93,14 +94,14 @@ def _notes_on_steps(config: Configuration) -> list[str]:
         return ["its seeds have no control step in common, so it has no curve"]
 
     notes = []
+    of = "" if config.source == FILE else f" of {config.returns_name} returns"
     if common.interpolated:
         notes.append(
-            "its seeds were logged at different control steps: each is interpolated linearly "
-            "between its own points"
+            f"its seeds were logged at different control steps: the curve{of} of each is "
+            "interpolated linearly between its own points"
         )
 
     if len(common.control_steps) and (end := common.control_steps[-1]) < config.longest:
-        of = "" if config.source == FILE else f" of {config.returns_name} returns"
         notes.append(
             f"its curve{of} ends at {end:,.0f} control steps, the last that every seed has reached"
         )

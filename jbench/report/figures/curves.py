@@ -166,7 +166,9 @@ def _chart(
     band = "10 to 90% of seeds" if curves["q10"].notna().any() else "each seed"
     note = f"median and {band}"
     if frames.interpolated:
-        note += "; seeds logged at different steps are interpolated between their points"
+        is_all = frames.interpolated.issuperset(kinds)
+        which = "" if is_all else f" {' and '.join(frames.interpolated)} returns of"
+        note += f";{which} seeds logged at different steps are interpolated between their points"
     if any(is_longer.values()):
         note += "; thin: single seeds after the last step that every seed has reached"
 

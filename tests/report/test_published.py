@@ -3,7 +3,12 @@
 import pytest
 
 from jbench.names import TASKS
-from jbench.report.data.curves import SEQUENCE, best_median
+from jbench.report.data.curves import SEQUENCE, beside_which, best_median, trained_as
+from jbench.report.figures import charts
+from jbench.report.frames import Frames
+from jbench.report.request import Request
+from jbench.settings.algorithms import algorithm_settings
+from jbench.studies.matrix import read_matrix
 
 FIGURE_9 = ("ddpg", "ppo", "sac", "td3")
 # Medians and [q10, q90] of these algorithms at about 5e6 steps.
@@ -61,3 +66,39 @@ def test_curve_on_augmented_robots_is_apart_and_estimated_bands_are_excluded(pub
     assert shown["Figure 7"] == ["median"]
     assert shown["Figure 8"] == ["q25", "median", "q75"]
     assert shown["Figure 9"] == ["q10", "median", "q90"]
+
+
+@pytest.mark.parametrize(("figure", "name"), [("Figure 7", "fig7"), ("Figure 8", "fig8")])
+def test_agents_of_a_figure_are_those_of_its_matrix(published, figure, name):
+    (part,) = read_matrix(name).values()
+    named = published.loc[published["figure"] == figure, "representation"].unique()
+    agents = {representation: trained_as(figure, representation) for representation in named}
+    assert agents == dict(zip(("full", "dae12"), part.representations, strict=True))
+    # They have the medians of this figure, at the control steps of its points.
+    for representation, agent in agents.items():
+        (task,) = part.tasks
+        points = curve(published, figure, task, "ddpg").set_index("representation")
+        point = points.loc[representation].iloc[20]
+        found = best_median(published, (task, "ddpg", agent), point["steps"])
+        assert found == (pytest.approx(point["median"]), figure)
+
+
+def test_published_curves_are_drawn_beside_the_agents_of_their_matrix(fabric):
+    settings = algorithm_settings("ddpg", "figure8").model_dump(mode="json")
+    figure8 = {"algo": "ddpg", "hyperparameters": settings, "time_limit": "terminal"}
+    encoders = {name: f"face_direction/{name}/s00-00000001" for name in ("raw16", "dae12-script")}
+    for name, encoder in encoders.items():
+        fabric.flat([300.0], 300, representation=name, encoder=encoder, **figure8)
+
+    found = Frames(fabric.results, Request(claims=True, returns="training"))
+
+    chart = charts(found)[0]
+    assert chart.name == "representations"
+    assert list(chart.legend) == ["dae12-script", "raw", "published, training"]
+    drawn = set(beside_which(found.published, {"raw", "dae12-script", "full"}))
+    assert drawn == {"raw", "dae12-script", "full"}  # full: of Figure 9
+    assert set(beside_which(found.published, {"full", "dae12"})) == {"full", "dae12"}
+    rows = found.configurations.query("returns == 'training'").set_index("representation")
+    assert {*rows["published_figure"]} == {"Figure 7"}
+    compared = {*found.claims.query("source == 'own' and claim in ['a', 'b', 'c']")["compared"]}
+    assert compared == {"face_direction DDPG dae12-script against raw"}

@@ -12,6 +12,7 @@ from jbench.settings.recorded import SEED, alike, variant
 from jbench.settings.run import TYPED, RunSettings
 from jbench.store import Results
 from jbench.store.shipped import shipped
+from jbench.studies.arms import arms
 from jbench.studies.matrix import Matrix, read_matrix
 from jbench.sweeps.cell import all_runs, matrix_cells
 from tests.documentation import ROOT, code_of
@@ -78,11 +79,27 @@ def test_figures_have_cells_of_paper(tmp_path):
         assert [run.seed for run in cell.runs] == list(range(10))
         assert {(run.steps, run.representation) for run in cell.runs} == {(5_000_000, "full")}
         assert cell.runs[0].hyperparameters["hidden_layers"] == [350, 250]
-    for name, task in (("fig7", "face_direction"), ("fig8", "move_in_direction")):
-        full, encoded = cells_of(name, tmp_path)
-        assert (full.task, full.algo, full.runs[0].representation) == (task, "ddpg", "full")
-        assert (encoded.task, encoded.algo) == (task, "ddpg")
-        assert {run.representation for run in encoded.runs} == {"dae12"}
+
+
+@pytest.mark.parametrize(
+    ("name", "part", "seeds"), [("fig7", "figure7", [0]), ("fig8", "figure8", [*range(10)])]
+)
+def test_figures_7_and_8_have_the_arms_of_the_study_of_their_agents(name, part, seeds, tmp_path):
+    """They differ in steps and evaluations, and the study has 8 latents, too."""
+    length = {"steps": 5_000_000, "evaluation": {"every": 50_000, "episodes": 10}}
+    parts = read_matrix("authors", **length)
+    parts = {where: matrix for where, matrix in parts.items() if matrix.name == part}
+    studied = [arm for arm in arms(parts) if "dae8" not in arm.representation]
+    trained = list(arms(read_matrix(name)))
+    assert [arm.training_key for arm in trained] == [arm.training_key for arm in studied]
+    assert [arm.evaluation for arm in trained] == [arm.evaluation for arm in studied]
+    assert [arm.own_encoders for arm in trained] == [False, False]
+
+    cells = cells_of(name, tmp_path)
+    assert [[run.seed for run in cell.runs] for cell in cells] == [seeds, seeds]
+    assert {run.steps for run in all_runs(cells)} == {5_000_000}
+    encoders = [cell.encoders for cell in matrix_cells(parts, Results(tmp_path))]
+    assert [cell.encoders for cell in cells] == encoders[:2]
 
 
 def test_question_matrix_contains_shipped_runs(tmp_path):

@@ -1,6 +1,6 @@
 """Learning curves across seeds, in the two orders of the paper's figures, and the paper's own."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -8,7 +8,7 @@ import pandas as pd
 import pyarrow as pa
 from numpy.lib.stride_tricks import sliding_window_view
 
-from jbench.names import FULL, Order, ReturnsName
+from jbench.names import FULL, Order, ReturnsName, shown_representation
 from jbench.report.data.source_names import PUBLISHED
 from jbench.returns import averaged_points, mean_over_run
 from jbench.statistics import FloatArray, IntArray
@@ -22,6 +22,17 @@ QUANTILE_COLUMNS = ("q10", "q25", "median", "q75", "q90")
 
 PUBLISHED_KEY = ["figure", "task", "algo", "representation"]
 """Columns that name a published curve."""
+
+_TRAINED_AS = {
+    "Figure 7": {FULL: "raw", "dae12": "dae12-script"},
+    "Figure 8": {
+        FULL: "raw-without-speed_in_target_frame",
+        "dae12": "dae12-without-speed_in_target_frame-script",
+    },
+}
+"""By figure and published name: the representations of agents that observe the same here.
+
+The agents of Figures 7 and 8 observed SI units; `jbench sweep fig7` and `fig8` train them."""
 
 
 class Curve(NamedTuple):
@@ -201,28 +212,50 @@ def read_published(table: pa.Table) -> pd.DataFrame:
     return points.astype({"steps": float})
 
 
+def trained_as(figure: str, representation: str) -> str:
+    """Returns the representation with which jbench trains the agents of a published curve."""
+    return _TRAINED_AS.get(figure, {}).get(representation, representation)
+
+
+def beside_which(published: pd.DataFrame, drawn: Collection[str]) -> list[str]:
+    """Returns the representation beside which each published point is drawn.
+
+    It is that of `trained_as`, if it is among those that are drawn, else the published one.
+    """
+    names = []
+    for figure, named in zip(published["figure"], published["representation"], strict=True):
+        agents = trained_as(figure, named)
+        names.append(agents if agents in drawn else named)
+
+    return names
+
+
 def best_median(
     published: pd.DataFrame, names: Sequence[str], control_steps: float, *, sequence: bool = False
 ) -> tuple[float, str] | None:
     """Returns the best published median at a control step, and the figure's name.
 
-    Names are those of a task, an algorithm and a representation. It is interpolated at the center
-    of a window, on the curve of the plain robot or of a sequence of augmented ones. A curve's ends
-    have a tolerance of an episode, because the paper's windows are counted from the start of an
-    episode and ours from its end.
+    Names are those of a task, an algorithm and a representation, which is the published one or that
+    of `trained_as`. It is interpolated at the center of a window, on the curve of the plain robot
+    or of a sequence of augmented ones. A curve's ends have a tolerance of an episode, because the
+    paper's windows are counted from the start of an episode and ours from its end.
     """
-    length = episode_steps(names[0])
+    task, algo, representation = names
+    length = episode_steps(task)
     if length is None:  # the paper has curves of the Jitterbug only
         return None
 
-    for column, name in zip(PUBLISHED_KEY[1:], names, strict=True):
-        published = published[published[column] == name]
-
+    ours = shown_representation(representation)
+    published = published[(published["task"] == task) & (published["algo"] == algo)]
     medians = []
-    for figure, curve in published.groupby("figure"):
+    for named, curve in published.groupby(["figure", "representation"]):
+        figure, theirs = map(str, named)
+        if ours not in (theirs, trained_as(figure, theirs)):
+            continue
+
         steps, median = curve[["steps", "median"]].to_numpy().T
         within = steps[0] - length <= control_steps <= steps[-1] + length
         if within and sequence == (figure == SEQUENCE):
-            medians.append((float(np.interp(control_steps, steps, median)), str(figure)))
+            medians.append((float(np.interp(control_steps, steps, median)), figure))
 
     return max(medians, default=None)

@@ -11,6 +11,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from jbench.report import style
+from jbench.report.data.curves import beside_which
 from jbench.report.data.source_names import FILE, IMPORTED, OWN, PUBLISHED
 from jbench.report.figures import marks
 from jbench.report.figures.chart import Chart, Draw, Panel, by_task
@@ -222,6 +223,7 @@ def _published_beside(published: pd.DataFrame, rows: pd.DataFrame, name: str) ->
     old: pd.DataFrame = published[(published["task"] == rows["task"].iloc[0]) & asked]
     if name == "representations":
         # The paper has one reduced observation; it is drawn beside the one of its size.
+        old = old.assign(series=beside_which(old, {*rows["series"]}))
         old = old[old["series"].isin(rows["series"])]
     if old.empty:
         return old

@@ -153,6 +153,71 @@ def test_every_setting_says_what_it_means_and_then_its_source(algo):
         assert not meaning.startswith(SOURCES), name
 
 
+# Defaults of stable-baselines 2.10: of its classes DDPG, TD3, SAC and PPO2, and of the noise.
+NOISE_STEP = {"noise_dt": 1e-2}
+STABLE_BASELINES_2 = {
+    "ddpg": {
+        **NOISE_STEP,
+        "normalize_clip": 5.0,  # observation_range
+        "learning_starts": 256,  # it waits for a minibatch
+        "uniform_warmup": False,  # random_exploration
+        "train_freq": 100,  # nb_rollout_steps
+        "gradient_steps": 50,  # nb_train_steps
+        "tau": 0.001,
+    },
+    "td3": {
+        **NOISE_STEP,
+        "normalize_clip": 5.0,  # of DDPG: TD3 and SAC standardize nothing
+        "uniform_warmup": True,
+        "tau": 0.005,
+        "policy_delay": 2,
+        "target_policy_noise": 0.2,
+        "target_noise_clip": 0.5,
+    },
+    "sac": {
+        **NOISE_STEP,
+        "normalize_clip": 5.0,
+        "learning_starts": 100,
+        "uniform_warmup": True,
+        "train_freq": 1,
+        "gradient_steps": 1,
+        "tau": 0.005,
+        "ent_coef": "auto",
+        "target_entropy": -1.0,  # auto: minus the size of an action
+        "target_update_interval": 1,
+    },
+    "ppo": {
+        "batch_size": 8 * 256 // 4,  # nminibatches
+        "n_epochs": 4,  # noptepochs
+        "gae_lambda": 0.95,  # lam
+        "clip_range": 0.2,
+        "clip_range_vf": 0.2,  # that of the policy
+        "normalize_advantage": True,
+        "max_grad_norm": 0.5,
+    },
+}
+
+
+@pytest.mark.parametrize("algo", ALGORITHMS)
+def test_settings_with_the_source_stable_baselines_2_are_its_defaults(algo):
+    """vf_coef is not: there, it is the weight of half the squared error."""
+    fields = SETTINGS[algo].model_fields
+    found = {
+        name: field.default
+        for name, field in fields.items()
+        if field.description.rpartition("; ")[2].startswith("stable-baselines 2")
+    }
+    assert found == STABLE_BASELINES_2[algo]
+
+
+def test_documented_first_updates():
+    text = (Path(__file__).parents[2] / "docs" / "agents.md").read_text()
+    (row,) = (line for line in text.splitlines() if line.startswith("| first update after"))
+    first = [algorithm_settings(algo).first_update for algo in ("ddpg", "td3", "sac")]
+    first.append(algorithm_settings("ppo").rollout(8))  # it learns from its first rollout
+    assert [cell.strip() for cell in row.split("|")[3:-1]] == [f"{steps:,}" for steps in first]
+
+
 def test_another_default_keeps_the_meaning():
     shared, ddpg = (kind.model_fields["tau"] for kind in (OffPolicySettings, DDPGSettings))
     assert (shared.default, ddpg.default) == (0.005, 0.001)

@@ -1,7 +1,8 @@
 """Settings that several algorithms share, with stable-baselines3's names.
 
-The defaults are the published settings. "Table 1" is the paper's; where it gives no value, the
+The defaults are the published settings. "Table 1" is the paper's; where it gives no number, the
 paper used the defaults of stable-baselines 2 (section 5, Table 1), which differ from those of
+stable-baselines3. Networks, first weights, forms of the losses and the first update are those of
 stable-baselines3. A description says what a setting means, its unit, and after a semicolon the
 source of its default.
 """
@@ -81,7 +82,7 @@ class AlgorithmSettings(Algorithm):
         "an encoder); ours",
     )
     normalize_clip: PositiveFloat = omissible(
-        5.0, description="bound of a standardized number, in sd; stable-baselines 2"
+        5.0, description="bound of a standardized number, in sd; stable-baselines 2's DDPG"
     )
     normalize_min_sd: NonNegativeFloat = omissible(
         0.0,

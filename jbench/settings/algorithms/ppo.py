@@ -82,8 +82,8 @@ class PPOSettings(AlgorithmSettings):
     )
     vf_coef: NonNegativeFloat = Field(
         0.5,
-        description="weight of the squared error of the value in the loss; stable-baselines 2 "
-        "(script: 0.25)",
+        description="weight of the squared error of the value in the loss; stable-baselines3 "
+        "(script: 0.25, which is stable-baselines 2's 0.5 of half the squared error)",
     )
     max_grad_norm: PositiveFloat = Field(
         0.5,

@@ -1,9 +1,10 @@
 """Records without names: of people, machines, places, packages and modules.
 
-Provenance is cut down to what rounds numbers. A name of code that is not jbench's, Gymnasium's or
-dm_control's becomes a number (`agent-1`), as does a version or checksum of this code (`code-1`): in
-settings, in ids, in the rows that repeat an id, and in files that repeat a kind. Ids, names of
-files and checksums are then made again. Records that have no such name keep theirs.
+Provenance is cut down to what rounds numbers, and the checksum of a run's encoder. A name of code
+that is not jbench's, Gymnasium's or dm_control's becomes a number (`agent-1`), as does a version or
+checksum of this code (`code-1`): in settings, in ids, in the rows that repeat an id, and in files
+that repeat a kind. Ids, names of files and checksums are then made again. Records that have no such
+name keep theirs.
 """
 
 import json
@@ -23,10 +24,12 @@ from jbench.settings.base import in_id, settings_hash
 from jbench.settings.records import CODE, EXTERNAL, JITTERBUG
 from jbench.store import Record, record_files
 from jbench.store.manifest import FileEntry, Manifest
+from jbench.store.weights import ENCODER_WEIGHTS
 from jbench.task_specs import SUITE
 from jbench.tasks.gym_registry import is_of_gymnasium
 
 _ROUNDING = ("jbench", "python", "processor", "cores", "threads", "device", "gpu", "cuda", "driver")
+_KEPT = (*_ROUNDING, ENCODER_WEIGHTS)
 """What of a record's provenance stays, with the versions in `packages`."""
 
 _CODE_OF_RECORD = ("code", "sources", "accepted")
@@ -98,7 +101,7 @@ class Blinder:
         """Returns the manifest of a record without names."""
         made = record.manifest.provenance
         packages = made.get("packages")
-        provenance = {name: made[name] for name in _ROUNDING if name in made}
+        provenance = {name: made[name] for name in _KEPT if name in made}
         if isinstance(packages, Mapping):
             provenance["packages"] = dict(packages)
 

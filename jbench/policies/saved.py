@@ -13,6 +13,7 @@ from jbench.store import Record, Results
 from jbench.store.code import check_code
 from jbench.store.rows import has_policy
 from jbench.store.shipped import LEFT_OUT, results_to_read
+from jbench.store.weights import check_encoder
 from jbench.tasks.find import check_specs, code_provenance, find_task
 
 
@@ -51,8 +52,9 @@ def load_agent(
     """Returns the trained agent of a finished run, by its whole id; see `results_to_read`.
 
     Raises a RequestError if the run does not exist, has not finished, or was saved without its
-    policy, its task is not installed, or the code of task or encoder has changed, unless that is
-    accepted, and a WorkError if its files are damaged.
+    policy, its task is not installed, its encoder has other weights than the one at its training,
+    or the code of task or encoder has changed, unless that is accepted, and a WorkError if its
+    files are damaged.
     """
     results = results_to_read(results)
     record = results.find("run", run)
@@ -80,6 +82,7 @@ def load_agent(
     specs = record.settings.get("specs")
     check_specs(task, Specs.model_validate(specs) if specs else None, accept_changed)
     loaded = None if encoder is None else load_encoder(results, encoder, accept_changed).encoder
+    check_encoder(record, results)
     return TrainedAgent(task, policy, loaded)
 
 

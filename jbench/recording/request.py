@@ -23,6 +23,7 @@ from jbench.settings.records import ExternalSettings, episode_steps
 from jbench.store import Results, files
 from jbench.store.planned import planned, say_changed
 from jbench.store.shipped import results_to_write
+from jbench.store.weights import encoder_weights
 from jbench.tasks.find import checked_task, code_provenance, episode_provenance
 from jbench.training.request import read_representation
 
@@ -90,7 +91,8 @@ def record(
     for sentence in say_changed([plan], {record.id for record in records}):
         print(sentence, file=sys.stderr, flush=True)
 
-    made_on = {"script_sha256": _script_hash(), **episode_provenance(task), **code}
+    weights = encoder_weights(place, settings.encoder)
+    made_on = {"script_sha256": _script_hash(), **episode_provenance(task), **code, **weights}
     if package is not None:
         made_on.update(_package_provenance(package))
 

@@ -19,6 +19,7 @@ from jbench.store.quarantine import Quarantine
 from jbench.store.record import Folder, Record
 from jbench.store.rows import has_policy
 from jbench.store.verify import ShowProgress, examine, no_progress
+from jbench.store.weights import has_other_encoder
 
 MergeOutcome = Literal["copied", "replaced", "same", "kept", "refused"]
 """Outcome for a record: copied; replaced an unfinished one, which was set aside; the same except
@@ -116,7 +117,8 @@ def _merged(
             outcome = other.reading(partial(_choose, existing, other))
         if outcome in ("copied", "replaced"):
             origin = other.manifest.origin
-            if origin is not None and (source, *origin) in refused:
+            is_refused = origin is not None and (source, *origin) in refused
+            if origin is not None and (is_refused or has_other_encoder(other, results)):
                 raise _OriginError(
                     f"{other.path} was made with another {origin.kind} {origin.id} than that of "
                     f"{results.path}, so it is not copied: jbench report --compare compares two "

@@ -18,6 +18,7 @@ from jbench.store.files import DamagedError, RecordError, Sort
 from jbench.store.manifest import KINDS, MANIFEST, RecordKind
 from jbench.store.record import Folder, Record
 from jbench.store.rows import make_row
+from jbench.store.weights import has_other_encoder
 
 ShowProgress = Callable[[int], contextlib.AbstractContextManager[Callable[[int], None]]]
 """Takes the total of some work; during the work, yields a function that takes how much is done."""
@@ -84,7 +85,7 @@ def verify(results: Results, threads: int, progress: ShowProgress = no_progress)
     for record, flaws in checked:
         findings += flaws
         if record is not None:
-            findings += _warnings(record, intact)
+            findings += _warnings(record, intact, results)
 
     sizes = [entry.bytes for record in records for entry in record.manifest.files]
     left_out = sum(bool(record.left_out) for record in records)
@@ -149,9 +150,18 @@ def _check(folder: Folder) -> tuple[Record | None, list[Flaw]]:
     return record, flaws
 
 
-def _warnings(record: Record, intact: Collection[tuple[RecordKind, str]]) -> Iterator[Flaw]:
-    """Yields what is odd about an intact record: a missing origin, dates in the future."""
-    for problem in (*_missing_origin(record, intact), *_odd_dates(record)):
+def _warnings(
+    record: Record, intact: Collection[tuple[RecordKind, str]], results: Results
+) -> Iterator[Flaw]:
+    """Yields what is odd about an intact record: its origin is missing or another, or its dates."""
+    problems = [*_missing_origin(record, intact), *_odd_dates(record)]
+    if record.kind == "run" and has_other_encoder(record, results):
+        problems.append(
+            f"is of a run that was trained with another encoder {record.settings['encoder']} than "
+            "the one in these results, which has the same settings and other weights"
+        )
+
+    for problem in problems:
         yield Flaw("warning", record.kind, record.id, record.path / MANIFEST, problem)
 
 

@@ -68,7 +68,7 @@ def run_batch(
     accepted = runs[0].accepted is not None
     load_encoder = cache(lambda id: load_run_encoder(id, encoders or results, accepted))
     recomputed = RecomputedRows(runs, results, load_encoder, device, report)
-    beginnings = Beginnings(results, made_on, recomputed, report)
+    beginnings = Beginnings(results, encoders or results, made_on, recomputed, report)
 
     members: list[Member] = []
     failures: dict[str, Exception] = {}

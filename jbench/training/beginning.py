@@ -14,6 +14,7 @@ from jbench.store import Record, Results
 from jbench.store.code import code_of
 from jbench.store.files import UnreadableError
 from jbench.store.provenance import describe_changes, provenance
+from jbench.store.weights import check_encoder, encoder_weights
 from jbench.training.checkpoints import Checkpoint, copied, load
 from jbench.training.code import check_run_code
 from jbench.training.continuation import kept_runs, obstacle
@@ -48,18 +49,31 @@ class Beginnings:
     def __init__(
         self,
         results: Results,
+        encoders: Results,
         made_on: Mapping[str, Any],
         recomputed: RecomputedRows,
         report: Report,
     ) -> None:
-        """Begins nothing yet; `made_on` is the provenance of the machine, the task and the code."""
+        """Begins nothing yet.
+
+        Args:
+            results: get the records of the runs.
+            encoders: where their encoders are.
+            made_on: provenance of the machine, the task and the code.
+            recomputed: rows of replay buffers.
+            report: is told where runs resume.
+        """
         self._results = results
+        self._encoders = encoders
         self._made_on = made_on
         self._recomputed = recomputed
         self._report = report
 
     def begin(self, run: RunSettings, encoder: Encoder | None, record: Record | None) -> Member:
-        """Returns a run to train; `record` is its own, which is not finished, if there is one."""
+        """Returns a run to train; `record` is its own, which is not finished, if there is one.
+
+        Raises a RequestError if its code was edited, or what it resumes had another encoder.
+        """
         check_run_code(run, record, self._made_on)
         shorter = kept_runs(run, self._results)
         sources = shorter if record is None else [record, *shorter]
@@ -73,7 +87,8 @@ class Beginnings:
             continues = shorter[0].id if shorter and record is None else ""
             self._report(Resumed(run.id, 0, continues, " ".join(refused)))
 
-        record = self._results.create("run", run.id, run.values, self._made_on)
+        made_on = {**self._made_on, **encoder_weights(self._encoders, run.encoder)}
+        record = self._results.create("run", run.id, run.values, made_on)
         return Member(run, encoder, record, RunLog(record))
 
     def _find(
@@ -87,6 +102,7 @@ class Beginnings:
             if checkpoint is None:
                 continue
 
+            check_encoder(source, self._encoders)
             rows = self._recomputed.take(run, source, checkpoint)
             try:
                 if source is record:

@@ -19,7 +19,7 @@ from jbench.settings.engines import ENGINES
 from jbench.settings.recorded import Run, Unreadable, read_run
 from jbench.settings.records import ExternalSettings
 from jbench.settings.run import RunSettings
-from jbench.store import Record, Results, schema
+from jbench.store import Record, Results, schema, weights
 from jbench.store.code import (
     ChangedCodeError,
     Code,
@@ -157,7 +157,7 @@ def retrain(
 
     The results contain its encoder. Episodes of parallel environments may end together, so that
     they may be a few more. Raises a RequestError if it has no episode, its loop was not jbench's,
-    or its encoder is missing, and a WorkError if the run is damaged, or its training fails here.
+    or its encoder is not at hand, and a WorkError if the run is damaged, or its training fails.
     """
     settings = _settings_to_train(results, record, accept_changed)
     ends = record.read("episodes")["control_steps"].to_pylist()
@@ -190,10 +190,10 @@ def _settings_to_train(results: Results, record: Record, accept_changed: bool) -
             f"{record.id} is {record.status} and has no episode to compare with; type the id of a "
             "run that has one."
         )
-    now = run_code(settings, results)
+    weights.check_encoder(record, results)
     if not changed_code(record, results, accept_changed):
         return settings
-    return settings.model_copy(update={"accepted": code_hash(now)})
+    return settings.model_copy(update={"accepted": code_hash(run_code(settings, results))})
 
 
 def _train_again(

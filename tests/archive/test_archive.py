@@ -158,7 +158,7 @@ def test_names_become_the_same_numbers_everywhere(results, tmp_path, known_machi
     assert run.settings["package"] == "package-1"
     assert run.settings["hyperparameters"] == {"notes": "left-out", "rate": 0.1}
     assert set(run.read("episodes")["run"].to_pylist()) == {run.id}
-    assert run.manifest.provenance.keys() <= {*blind._ROUNDING, "packages"}
+    assert run.manifest.provenance.keys() <= {*blind._KEPT, "packages"}
     (evaluation,) = there.scan("evaluation")[0]
     assert evaluation.settings["policy"] == run.id
     # Runs of jbench's own agents keep their ids.

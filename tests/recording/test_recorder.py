@@ -22,6 +22,7 @@ from jbench.settings.recorded import read_run
 from jbench.settings.records import ExternalSettings
 from jbench.store import Results
 from jbench.store.rows import has_policy
+from jbench.store.weights import encoder_weights
 from jbench.training.repeat import reevaluate
 from tests.command_line import SHORT, Process
 from tests.documentation import ROOT
@@ -326,6 +327,8 @@ def test_environment_is_encoded(demo_results, tmp_path):
     assert record.status == "unfinished"
     assert record.settings["representation"] == "dae14"
     assert record.settings["encoder"].startswith("face_direction/dae14/")
+    weights = encoder_weights(Results(tmp_path / "results"), record.settings["encoder"])
+    assert weights.items() <= record.manifest.provenance.items()
 
 
 class Residual(nn.Module):

@@ -15,6 +15,7 @@ import pyarrow as pa
 from jbench.names import ReturnsName
 from jbench.report.data.code import note_changes, recorded_code, split_by_code
 from jbench.report.data.configuration import KEY, Configuration, paper_order
+from jbench.report.data.encoder_weights import recorded_weights
 from jbench.report.data.notes import notes_on_points, notes_on_runs
 from jbench.report.data.points import (
     CONTROL_STEPS,
@@ -134,7 +135,8 @@ def _described(runs: pd.DataFrame, points: PointsByKind) -> pd.DataFrame:
 
     Further columns: recorded (number of points), reached (control steps at the last one), diverged
     (control steps; NaN: never) and divergence (in words), lowest (what a diverged run counts
-    with), typed (its settings, read) and code (what is recorded of users' code).
+    with), typed (its settings, read), code (what is recorded of users' code) and weights (checksum
+    of those of its encoder; None: unknown).
     """
     known = {**points[EVALUATION], **points[TRAINING]}
     recorded = [known.get(run, NOTHING) for run in runs["run"]]
@@ -146,6 +148,7 @@ def _described(runs: pd.DataFrame, points: PointsByKind) -> pd.DataFrame:
     settings = [parse_run(text) for text in runs["settings"]]
     provenance = runs["provenance"] if "provenance" in runs else [None] * len(runs)
     code = [recorded_code(text) for text in provenance]
+    weights = [recorded_weights(text) for text in provenance]
 
     return runs[[*KEY, "run", "seed", "steps", "status", "encoder", "created"]].assign(
         recorded=[len(made) for made in recorded],
@@ -155,6 +158,7 @@ def _described(runs: pd.DataFrame, points: PointsByKind) -> pd.DataFrame:
         lowest=np.array(lowest, float),
         typed=pd.Series(settings, runs.index, object),
         code=pd.Series(code, runs.index, object),
+        weights=pd.Series(weights, runs.index, object),
     )
 
 

@@ -6,6 +6,7 @@ import pandas as pd
 
 from jbench.names import ReturnsName
 from jbench.report.data.configuration import Configuration
+from jbench.report.data.encoder_weights import notes_on_weights
 from jbench.report.data.source_names import FILE, has_return_range
 from jbench.returns import EVALUATION, TRAINING
 from jbench.settings.variants import CUT, chosen_words
@@ -42,6 +43,7 @@ def notes_on_runs(
             f"{point}s, not that of {', '.join(map(str, recorded))}"
         )
 
+    notes += notes_on_weights(chosen)
     others = chosen[chosen["diverged"].isna()]
     diverged = chosen[chosen["diverged"].notna()]
     if len(diverged):

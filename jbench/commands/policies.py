@@ -88,7 +88,7 @@ def _returns_in_words(returns: "FloatArray", summary: Mapping[str, float]) -> st
         tails = f" [10th {whole(summary['q10'])}, 90th {whole(summary['q90'])}]"
 
     return (
-        f"median return {whole(summary['median'])}{tails}, mean {whole(returns.mean())}, "
+        f"mean return {whole(returns.mean())}, median {whole(summary['median'])}{tails}, "
         f"worst {whole(returns.min())}, over {counted(len(returns), 'episode')}"
     )
 

@@ -94,9 +94,10 @@ def evaluate(
                     record.fail(str(error), error.summary)
                     raise error
 
-        returns = record.read("policy_episodes")["episode_return"]
-        q10, median, q90 = np.percentile(returns.to_numpy(), (10, 50, 90))
-        record.finish({"median": median, "q10": q10, "q90": q90}, join=False)
+        returns = record.read("policy_episodes")["episode_return"].to_numpy()
+        q10, median, q90 = np.percentile(returns, (10, 50, 90))
+        summary = {"mean": returns.mean(), "median": median, "q10": q10, "q90": q90}
+        record.finish(summary, join=False)
 
     return record
 

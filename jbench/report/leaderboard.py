@@ -12,6 +12,7 @@ from jbench.report.data import sources
 from jbench.report.data.configuration import in_order, with_returns
 from jbench.report.data.curves import PUBLISHED_KEY, SEQUENCE, read_published
 from jbench.report.data.source_names import IMPORTED, OWN, PUBLISHED, directory_source
+from jbench.report.data.untrained import HAND_WRITTEN
 from jbench.report.policies import hand_written_returns
 from jbench.report.request import Request
 from jbench.settings.algorithms import display_name
@@ -109,20 +110,23 @@ def _agents(ours: pd.DataFrame) -> pd.DataFrame:
 
 
 def _hand_written(by_hand: Mapping[str, FloatArray]) -> pd.DataFrame:
-    """Returns entries of hand-written policies, by the returns of their episodes on each task."""
+    """Returns entries of hand-written policies, by the returns of their episodes on each task.
+
+    A policy is one agent, whose return is the mean of its episodes: it stands for the median.
+    """
     entries = []
     for task, returns in by_hand.items():
-        median = st.estimate(st.median, [returns])
+        mean = st.estimate(st.mean, [returns])
         entries.append(
             {
                 "task": task,
-                "entry": "hand-written",
+                "entry": HAND_WRITTEN,
                 "algo": HEURISTIC,
                 "representation": FULL,
                 "n": len(returns),
-                "median": median.value,
-                "low": median.low,
-                "high": median.high,
+                "median": mean.value,
+                "low": mean.low,
+                "high": mean.high,
             }
         )
     return pd.DataFrame(entries)

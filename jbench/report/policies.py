@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -15,18 +14,14 @@ from jbench.report.analysis.claims import examine_solving
 from jbench.report.analysis.findings import SOLVED_BY_HAND, Finding
 from jbench.report.data.configuration import Configuration, in_order
 from jbench.report.data.points import Part, long_frame
+from jbench.report.data.untrained import RANDOM, shipped_untrained, untrained_row
 from jbench.settings.records import CODE
 from jbench.statistics import FloatArray
-from jbench.statistics import bootstrap as st
 from jbench.store import Record, Results
 from jbench.wording import with_results
 
 MOTOR = ("task", "policy", "label", "median", "velocity", "density")
 POSITIONS = ("task", "policy", "label", "median", "x", "y", "share", "target_yaw", "reach")
-
-RANDOM = "random"
-
-_BASELINES = ["task", "policy", "median", "low", "high", "q10", "q90", "episodes"]
 
 RecordedSpecs = Mapping[str, Sequence[Mapping[str, Any]]]
 """By task, what each configuration of a report records of it: its `Specs`."""
@@ -52,7 +47,7 @@ def _recorded_specs(settings: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def baseline_frame(shown: RecordedSpecs, tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
-    """Returns the returns of policies without training.
+    """Returns the returns of policies without training; see `untrained_row` for the columns.
 
     Those on the Jitterbug are shipped (`benchmarks/baselines.py` writes them). Random actions on
     other robots are those of `jbench evaluate random --task TASK` in the results, if all runs that
@@ -62,15 +57,13 @@ def baseline_frame(shown: RecordedSpecs, tables: Mapping[str, pd.DataFrame]) -> 
         shown: by task, what each configuration records of it.
         tables: rows by table.
     """
-    shipped = pd.read_csv(str(resources.files("jbench.report").joinpath("baselines.csv")))
-    evaluated = []
-    for task, returns in evaluated_returns(tables, RANDOM, shown).items():
-        if len(returns) and task not in {*shipped["task"]}:
-            median, low, high, *_ = st.estimate(st.median, [returns])
-            q10, q90 = np.quantile(returns, [0.1, 0.9])
-            evaluated.append((task, RANDOM, median, low, high, q10, q90, len(returns)))
-
-    more = pd.DataFrame(evaluated, columns=_BASELINES)
+    shipped = shipped_untrained()
+    evaluated = [
+        untrained_row(task, RANDOM, returns)
+        for task, returns in evaluated_returns(tables, RANDOM, shown).items()
+        if len(returns) and task not in {*shipped["task"]}
+    ]
+    more = pd.DataFrame(evaluated, columns=shipped.columns)
     rows = pd.concat([shipped, more], ignore_index=True) if evaluated else shipped
     return rows[rows["task"].isin(shown)].reset_index(drop=True)
 

@@ -11,6 +11,7 @@ from jbench.report.comparison_tables import (
     verdicts_table,
 )
 from jbench.report.data.source_names import FILE, OWN
+from jbench.report.data.untrained import as_agents
 from jbench.report.encoders import PREDICTED
 from jbench.report.frames import Frames
 from jbench.report.numbers import ratio, steps
@@ -163,12 +164,9 @@ def _final_returns_columns(frames: Frames) -> list[Column]:
 
 def _with_policies(agents: pd.DataFrame, policies: pd.DataFrame) -> pd.DataFrame:
     """Returns rows of agents, and below those of each task the policies that were not trained."""
-    policies = policies.rename(columns={"low": "median_low", "high": "median_high"})
-    names = policies["policy"].replace("random", "random actions")
-    policies = policies.assign(source=OWN, representation="", words="", algo=names)
-
     counts = dict.fromkeys(("seeds", "draws", "diverged", "reached", "steps_min", "steps"), "Int64")
-    both = [rows.reindex(columns=agents.columns).astype(counts) for rows in (agents, policies)]
+    groups = (agents, as_agents(policies))
+    both = [rows.reindex(columns=agents.columns).astype(counts) for rows in groups]
     rows: pd.DataFrame = pd.concat(both, ignore_index=True)
     return rows.sort_values("task", key=lambda task: pd.factorize(task)[0], kind="stable")
 
@@ -180,7 +178,10 @@ def _final_returns_caption(frames: Frames, agents: pd.DataFrame) -> str:
         sentences.append(f"All runs: {shared}.")
     if len(frames.baselines):
         fewest = int(frames.baselines["episodes"].min())
-        sentences.append(f"Random and hand-written policies: {fewest} episodes or more.")
+        sentences.append(
+            f"Random and hand-written policies: the mean of {fewest} episodes or more, in place of "
+            "a median or an IQM of seeds."
+        )
     if NORMALIZED in set(agents["task"]):
         sentences.append("Normalized: 0 is the lowest and 1 the highest return of a task.")
     return " ".join(sentences)
@@ -241,11 +242,11 @@ def leaderboard_table(frame: pd.DataFrame, returns: str) -> Table:
         RANGE,
     ]
     caption = (
-        f"{_FINAL[returns]} Medians. {INTERVAL} An entry shares the rank of the one above it, "
-        "unless its interval lies below that of the first entry of this rank; those with fewer "
-        f"than {DECIDING_SEEDS} seeds have none. Published medians are training returns at the end "
-        "of the paper's curves. Entries may have been trained for different numbers of control "
-        "steps."
+        f"{_FINAL[returns]} Medians over seeds; of a hand-written policy, the mean of its "
+        f"episodes. {INTERVAL} An entry shares the rank of the one above it, unless its interval "
+        "lies below that of the first entry of this rank; those with fewer than "
+        f"{DECIDING_SEEDS} seeds have none. Published medians are training returns at the end of "
+        "the paper's curves. Entries may have been trained for different numbers of control steps."
     )
     title = f"Leaderboard by final {returns} return"
     return Table("leaderboard", title, caption, frame, columns, spare=("rank", "steps", "n"))

@@ -41,6 +41,11 @@ class Estimate(NamedTuple):
     standard_error: float = np.nan
 
 
+def mean(strata: Strata) -> FloatArray:
+    """Returns the mean over the values of all strata."""
+    return np.asarray(np.mean(_pooled(strata), axis=-1))
+
+
 def median(strata: Strata) -> FloatArray:
     """Returns the median over the seeds of all tasks."""
     ordered = np.sort(_pooled(strata), axis=-1)  # numpy's median is slower

@@ -237,7 +237,7 @@ TABLES = {
         text("evaluation", "task", "policy"),
         int64("seed", "episodes"),
         text("status"),
-        float64("median", "q10", "q90", unit="sum of rewards"),
+        float64("mean", "median", "q10", "q90", unit="sum of rewards"),
         _MANIFEST,
     ),
     "policy_episodes": table(

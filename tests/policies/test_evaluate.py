@@ -73,16 +73,19 @@ def test_evaluation_is_skipped_if_finished_and_thread_independent(tmp_path):
 
 
 def test_command_records_evaluation_in_database(tmp_path, capsys):
-    more = ["--episodes", "2", "--results", str(tmp_path)]
+    more = ["--episodes", "3", "--results", str(tmp_path)]
     assert main(["evaluate", "random", *more]) == 0
     (row,) = run_sql(
-        "SELECT policy, episodes, median, "
-        "(SELECT avg(episode_return) FROM policy_episodes) AS mean FROM policy_evaluations",
+        "SELECT policy, episodes, mean, median, "
+        "(SELECT avg(episode_return) FROM policy_episodes) AS average, "
+        "(SELECT quantile_cont(episode_return, 0.5) FROM policy_episodes) AS middle "
+        "FROM policy_evaluations",
         read_tables(Results(tmp_path)).tables,
     ).to_dict("records")
-    assert (row["policy"], row["episodes"]) == ("random", 2)
-    assert row["median"] == pytest.approx(row["mean"])  # of two
-    assert f"median return {row['median']:.0f}" in capsys.readouterr().out
+    assert (row["policy"], row["episodes"]) == ("random", 3)
+    assert (row["mean"], row["median"]) == pytest.approx((row["average"], row["middle"]))
+    words = f"mean return {row['mean']:.0f}, median {row['median']:.0f}, "
+    assert words in capsys.readouterr().out
     assert main(["evaluate", "random", *more]) == 0
     assert "already finished; nothing to do" in capsys.readouterr().out
 

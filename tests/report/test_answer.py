@@ -16,6 +16,12 @@ from scipy.stats import trim_mean
 
 import jbench
 from jbench.names import in_prose
+from jbench.report.data.untrained import (
+    HAND_WRITTEN,
+    RANDOM,
+    random_return,
+    shipped_untrained,
+)
 from jbench.statistics.bootstrap import difference, estimate, interquartile_mean
 from jbench.store.shipped import shipped_results
 from tests.command_line import succeed
@@ -144,7 +150,7 @@ def configuration(text):
     [("README.md", "final evaluation return", 6), ("docs/answer.md", "the agent observes", 14)],
 )
 def test_main_table(returns, page, heading, count):
-    policies = {row[0]: row for row in table("docs/policies.md", "hand-written")}
+    policies = shipped_untrained().set_index(["policy", "task"])["mean"]
     rows = table(page, heading)
     for first, *cells in rows[:count]:
         name = re.search(r"\(([\w, =-]+)\)", first.replace("`", ""))[1]
@@ -159,8 +165,19 @@ def test_main_table(returns, page, heading, count):
                 assert effect == ""
             else:
                 assert_agrees(effect, iqm, final, full)
-    for row, column in zip(rows[count:], (1, 2), strict=True):  # random, hand-written
-        assert row[1::2] == [policies[task][column].split()[0] for task in TASKS]
+    for row, policy in zip(rows[count:], (RANDOM, HAND_WRITTEN), strict=True):
+        assert row[1::2] == [f"{policies[policy, task]:.0f}" for task in TASKS]
+
+
+def test_sentences_that_compare_agents_with_policies_without_training(returns):
+    for task in TASKS:
+        assert iqm(returns["evaluation", "td3", task, "dae12"].final) < random_return(task)
+    assert "TD3 gets no more than random actions on either task" in text_of("answer")
+
+    means = shipped_untrained().set_index(["policy", "task"])["mean"]
+    low, high = interval(iqm, returns["evaluation", "td3", TASKS[1], "planar-mirror"].final)
+    assert low < means[HAND_WRITTEN, TASKS[1]] < high
+    assert "TD3 then gets about as much as the hand-written policy" in text_of("answer")
 
 
 @pytest.mark.slow
@@ -449,6 +466,7 @@ def test_published_figures_7_and_8():
     }
     assert "392 at the end" in text_of("answer")
     assert "ends at 295, no more than random actions get; with" in text_of("answer")
+    assert random_return(TASKS[1]) > 295
     assert "the same algorithm, Figure 9 has 632" in text_of("answer")
 
 
@@ -653,7 +671,7 @@ def test_the_agents_of_figure_8(ddpg_evaluations):
     page = text_of("answer")
     with_full, with_latents = map(lowest_to_highest, at_end)
     assert f"get {with_full} with the 16 numbers and {with_latents} with the latents" in page
-    random = chosen_from(shipped().baselines, policy="random", task=TASKS[1])["median"].item()
+    random = random_return(TASKS[1])
     assert f"Random actions get {random:.0f}." in page
     assert max(map(max, at_end)) < random
 
@@ -704,8 +722,8 @@ def test_what_ddpg_learns_on_the_three_other_tasks():
     for task, returns in others.groupby("task")["final"]:
         assert len(returns) == 3
         assert f"{returns.min():.0f} to {returns.max():.0f} on `{task}`" in text_of("answer")
-    random = dict(shipped().baselines.query("policy == 'random'")[["task", "median"]].to_numpy())
-    assert f"(random actions: {random['move_from_origin']:.0f})" in text_of("answer")
+    random = random_return("move_from_origin")
+    assert f"(random actions: {random:.0f})" in text_of("answer")
 
 
 def test_differences_of_the_two_engines():
@@ -732,6 +750,10 @@ def test_what_ppo_learns():
         for shown, kind in zip(returns, ("training_return", "evaluation_return"), strict=True):
             assert shown == ", ".join(f"{mean:.0f}" for mean in runs[kind])
         assert paper == f"{published[task]:.0f}"
+
+    for task, group in results.runs(algo="ppo").groupby("task"):
+        if task in ("move_from_origin", TASKS[1]):
+            assert group["evaluation_return"].max() < random_return(task)
 
 
 @pytest.mark.slow

@@ -187,11 +187,14 @@ def test_random_actions_are_shown_beside_runs_of_the_same_code(fabric, codes, sh
 
 def test_random_actions_on_an_own_task_are_a_line_and_axes_fit(fabric):
     add_runs(fabric, task="dmc:cheetah-run")
-    returns = np.arange(20.0, 40.0)
+    returns = np.append(np.arange(20.0, 39.0), 96.0)
     add_random(fabric, "dmc:cheetah-run", returns)
     found = Frames(fabric.results)
     (row,) = found.baselines.to_dict("records")
-    assert (row["policy"], row["median"], row["episodes"]) == ("random", np.median(returns), 20)
+    assert (row["policy"], row["episodes"]) == ("random", 20)
+    # By hand: 19 numbers around 29, and 96.
+    assert (row["mean"], row["median"]) == (32.35, 29.5)
+    assert row["mean_low"] < row["mean"] < row["mean_high"]
     assert row["low"] <= row["median"] <= row["high"]
     text = page.render(found, charts(found))
     assert ">random</text>" in text

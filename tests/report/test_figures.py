@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 from jbench.names import ENCODER_KINDS, kind_in
 from jbench.report import style
+from jbench.report.data.untrained import shipped_untrained
 from jbench.report.encoders import PREDICTED
 from jbench.report.figures import charts, marks, shares
 from jbench.report.figures.chart import Panel
@@ -21,6 +22,7 @@ from jbench.report.frames import Frames
 from jbench.report.request import Request
 from jbench.report.svg import panel_svgs
 from jbench.report.texts import map_texts
+from jbench.task_specs import SOLVED_RETURN
 
 NAMES = [
     "full",
@@ -129,6 +131,9 @@ def test_curves_by_representation_are_the_medians_of_evaluations(fabric):
     assert axes.get_ylabel() == "evaluation return"
     words = {text.get_text() for text in axes.texts}
     assert words == {"random", "hand-written", "solved"}
+    levels = {line.get_ydata()[0] for line in axes.lines if list(line.get_xdata()) == [0, 1]}
+    policies = shipped_untrained().query("task == 'face_direction'")
+    assert levels == {SOLVED_RETURN, *policies["mean"]}
 
 
 def test_long_curves_are_drawn_with_80_points_of_each():
@@ -164,6 +169,9 @@ def test_the_forest_has_each_seed_and_the_policies(fabric):
     axes = drawn(chart_of(fabric, "returns").panels[0])
     rows = [label.get_text() for label in axes.get_yticklabels()]
     assert rows == ["TD3 full", "TD3 dae12", "random actions", "hand-written policy"]
+    marked = {tuple(place) for points in axes.collections for place in points.get_offsets()}
+    policies = shipped_untrained().query("task == 'face_direction'")
+    assert {*zip(policies["mean"], (2, 3), strict=True)} <= marked
     dots = [c for c in axes.collections if c.get_gid() == "series-0" and len(c.get_offsets()) == 3]
     assert sorted(dots[0].get_offsets()[:, 0]) == [500, 510, 520]
 

@@ -30,7 +30,8 @@ from jbench.report.analysis.findings import (
 from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, seed_scores
 from jbench.report.data.configuration import Configuration, differing_in
 from jbench.report.data.scores import Scores
-from jbench.report.numbers import signed, steps, with_interval
+from jbench.report.data.untrained import random_return
+from jbench.report.numbers import signed, steps, whole, with_interval
 from jbench.settings.algorithms import display_name
 from jbench.settings.recorded import comparable
 from jbench.statistics import FloatArray
@@ -43,8 +44,6 @@ _OFF_POLICY = ("ddpg", "sac", "td3")
 _ON_POLICY = "ppo"
 _HARDER = "move_in_direction"  # the task of Figure 8
 _EASIER = "face_direction"  # that of Figure 7
-# Median return of random actions in 100 episodes (`jbench evaluate random`).
-_RANDOM_RETURNS = {_EASIER: 220.0, _HARDER: 303.0}
 
 
 @dataclass(frozen=True)
@@ -254,9 +253,9 @@ def _no_gain_to_compare(scores: Sequence[Scores]) -> str:
     Scores are of the harder task's reduced order and full observation, then of the easier task's.
     """
     for task, pair in ((_HARDER, scores[:2]), (_EASIER, scores[2:])):
-        random = _RANDOM_RETURNS[task]
+        random = random_return(task)
         if all(abs(np.median(side.final) - random) <= MARGIN for side in pair if len(side.final)):
-            near = f"both are within {MARGIN:g} of random actions ({random:g})"
+            near = f"both are within {MARGIN:g} of random actions ({whole(random)})"
             return f"no verdict, on {task} {near}"
     gain = float(IQM_DIFFERENCE([scores[0].area], [scores[1].area]))
     return "" if gain > 0 else f"no verdict, nothing is gained on {_HARDER} ({signed(gain)})"

@@ -178,12 +178,12 @@ def set_logarithmic(axes: Axes, name: str) -> None:
 
 
 def add_levels(axes: Axes, rows: pd.DataFrame, baselines: pd.DataFrame | None) -> None:
-    """Draws the returns of policies without training and that of a solved task."""
+    """Draws the mean returns of policies without training and the return of a solved task."""
     solved = has_solved_return(rows["task"], rows["source"])
     levels = {"solved": float(SOLVED_RETURN)} if solved else {}
     if baselines is not None:
         mine = baselines[baselines["task"].isin(rows["task"])]
-        levels |= dict(zip(mine["policy"], mine["median"], strict=True))
+        levels |= dict(zip(mine["policy"], mine["mean"], strict=True))
 
     low, high = axes.get_ylim()
     place = -np.inf

@@ -56,7 +56,7 @@ def forest(frames: Frames) -> Chart | None:
     if rows["published"].notna().any():
         note += "; |: published training return"
     if len(frames.baselines):
-        note += "; hollow diamond: median and 10 to 90% of a policy's episodes"
+        note += "; hollow diamond: mean of a policy's episodes with 95% interval"
     if rows["beside"].any():
         note += "; hollow mark of variability: its interval begins at 0"
 
@@ -89,17 +89,21 @@ def _draw_forest(
     names = [_POLICIES.get(name, name) for name in policies["policy"]]
     apart = Look(style.SOFT, (), "D", len(looks), hollow=True)
     for place, row in enumerate(policies.to_dict("records"), len(rows)):
-        axes.plot([row["q10"], row["q90"]], [place, place], color=style.SOFT, linewidth=1)
-        numbers = marks.interval_text(row["median"], row["q10"], row["q90"])
-        tip = f"{names[place - len(rows)]}: median {numbers}"
-        marks.add_points(axes, [row["median"]], [place], [tip], apart, 5.5)
+        mean = row["mean"]
+        low = row["mean_low"]
+        high = row["mean_high"]
+        axes.plot([low, high], [place, place], color=style.SOFT, linewidth=1)
+        tip = f"{names[place - len(rows)]}: mean {marks.interval_text(mean, low, high)}"
+        marks.add_points(axes, [mean], [place], [tip], apart, 5.5)
 
     marks.add_solved(axes, rows)
     marks.name_rows(axes, [*rows["name"], *names])
     errors = 2 * seeds["episode_sd"].fillna(0) / np.sqrt(seeds["episodes"])
     highest = seeds["task"].map(highest_return).astype(float)
     reached = np.minimum(seeds["final"] + errors, highest)
-    ends = [*seeds["final"], *reached, *policies["q90"], *rows["published"].dropna()]
+    untrained = policies[["mean", "mean_low", "mean_high"]].to_numpy(float)
+    untrained = untrained[np.isfinite(untrained)]
+    ends = [*seeds["final"], *reached, *untrained, *rows["published"].dropna()]
     marks.set_returns(axes, rows, min(ends, default=0.0), max(ends, default=0.0), "x")
 
 

@@ -20,13 +20,13 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
-from jbench.names import parse_numbers
 from jbench.policies.network import DESCRIPTION, WEIGHTS
 from jbench.store import Record, Results, files
 from jbench.store.manifest import FileEntry, Manifest
 from jbench.store.rows import has_policy
 from jbench.store.shipped import may_lack, shipped
 from jbench.store.verify import examine
+from jbench.typed_values import parse_numbers
 
 POLICY = {DESCRIPTION, WEIGHTS}
 LARGEST_PACKAGE = 12_000_000  # bytes of its wheel

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 from jbench.cores import one_thread
 from jbench.errors import RequestError
-from jbench.names import DEVICES, Precision, in_prose
+from jbench.names import DEVICES, Precision
+from jbench.wording import in_prose
 
 if TYPE_CHECKING:
     import torch

@@ -17,7 +17,7 @@ from typing import Any
 
 from jbench import sources
 from jbench.errors import RequestError, WorkError, sentence_of_failure
-from jbench.names import closest
+from jbench.typed_values import closest
 
 _IMPORTED = re.compile(r"[A-Za-z_][A-Za-z0-9_.]*:[A-Za-z_][A-Za-z0-9_]*")
 

@@ -1,6 +1,7 @@
 """Wording that messages, tables and figures share."""
 
 import shlex
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -58,3 +59,9 @@ def repair_hint(results: Path) -> str:
     """Returns the sentence on the commands for damaged records."""
     verify, repair = (with_results(f"jbench {verb}", results) for verb in ("verify", "repair"))
     return f"`{verify}` lists the problems, `{repair}` sets aside what is damaged."
+
+
+def in_prose(names: Iterable[str], word: str = "or") -> str:
+    """Returns names as a list in prose: `a, b or c`."""
+    *others, last = names
+    return f"{', '.join(others)} {word} {last}" if others else last

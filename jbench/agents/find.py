@@ -10,9 +10,9 @@ from jbench import plugins
 from jbench.agents.batched.rule import Rule
 from jbench.agents.plugin import Agent, AgentSettings
 from jbench.errors import RequestError, WorkError
-from jbench.names import known
 from jbench.settings.algorithms import SETTINGS, OffPolicySettings
 from jbench.settings.base import Settings
+from jbench.typed_values import known
 
 
 @dataclass(frozen=True)

@@ -18,11 +18,11 @@ from jbench.cores import one_thread
 from jbench.encoders.kind import Kind
 from jbench.encoders.registry import kind_names
 from jbench.errors import RequestError
-from jbench.names import closest
 from jbench.policies.find import offered_policies
 from jbench.settings.algorithms import SETTINGS
 from jbench.task_specs import GYM, SUITE, SUITE_TASKS
 from jbench.tasks.find import installed_tasks
+from jbench.typed_values import closest
 
 What = Literal["task", "agent", "rule", "encoder", "policy"]
 WHATS: tuple[What, ...] = get_args(What)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from typer import Argument, Option
 
-from jbench import names
+from jbench import names, typed_values
 from jbench.commands import options, output, parsing
 from jbench.errors import WorkError
 from jbench.wording import are, counted
@@ -62,7 +62,7 @@ def check(
     """
     from jbench.checks.code import WHATS, CheckRequest, check_code, find_what
 
-    kind = find_what(name) if what is None else names.known("kind of code", what, WHATS)
+    kind = find_what(name) if what is None else typed_values.known("kind of code", what, WHATS)
     request = CheckRequest(name, task, parsing.parse_overrides(set_), latents)
     output.say(f"{name} is checked as {'an' if kind[0] in 'ae' else 'a'} {kind}.")
     _show(check_code(kind, request), {"name": name, "what": kind})

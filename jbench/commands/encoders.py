@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from typer import Option
 
-from jbench import names
+from jbench import names, representations, typed_values
 from jbench.commands import options, output, parsing
 from jbench.commands.encoder_tables import show_errors, show_explained
 from jbench.commands.kept import kept_encoders
@@ -30,9 +30,9 @@ _TRIAL = 1000  # episodes; who collects fewer first tries what comes next
 def train_encoder(
     kind: str = Option(
         "dae",
-        help=f"Kind of encoder: {', '.join(names.ENCODER_KINDS)}, one of another package, or "
-        "MODULE:CLASS; several: a,b.",
-        autocompletion=lambda: names.ENCODER_KINDS,
+        help=f"Kind of encoder: {', '.join(representations.ENCODER_KINDS)}, one of another "
+        "package, or MODULE:CLASS; several: a,b.",
+        autocompletion=lambda: representations.ENCODER_KINDS,
     ),
     task: str = options.some_task(
         "face_direction",
@@ -109,7 +109,7 @@ def train_encoder(
         base=settings,
         latent=latent,
         tasks=names.TASKS if task == "all" else (task,),
-        seeds=names.parse_numbers(seed, "--seed"),
+        seeds=typed_values.parse_numbers(seed, "--seed"),
     )
     # Wrong requests are refused before a dataset is missed.
     _planned(wanted, None)
@@ -207,7 +207,7 @@ def _counted(encoder: "EncoderSettings", states: "States") -> "EncoderSettings":
     from jbench.encoders.training import counted_latents
 
     has_several = len(latent_sizes(encoder.kind, encoder.task, encoder.options)) > 1
-    is_ours = encoder.kind in names.ENCODER_KINDS
+    is_ours = encoder.kind in representations.ENCODER_KINDS
     if is_ours or not has_several or not issubclass(find_kind(encoder.kind), Fitted):
         return encoder
 
@@ -248,9 +248,9 @@ def _planned(wanted: _Wanted, source: "Dataset | None") -> list["EncoderSettings
 
     typed = wanted.options
     latent = wanted.latent or str(options.LATENTS)
-    numbers = names.parse_numbers(latent, "--latent", "12, or 2,4,8, or 1-16")
+    numbers = typed_values.parse_numbers(latent, "--latent", "12, or 2,4,8, or 1-16")
     known = dict.fromkeys(
-        name.lower() if name.lower() in names.ENCODER_KINDS else name
+        name.lower() if name.lower() in representations.ENCODER_KINDS else name
         for name in wanted.kinds.split(",")
     )
 

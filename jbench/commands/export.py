@@ -6,7 +6,7 @@ from typing import Literal
 
 from typer import Argument, Option
 
-from jbench import names
+from jbench import names, wording
 from jbench.commands import options, output, parsing
 from jbench.commands.policies import database_and_policy, mark
 from jbench.errors import RequestError
@@ -81,7 +81,7 @@ def export(
     }
     for option, value in typed.items():
         if value is not None and option not in _OPTIONS[what]:
-            has = names.in_prose(_OPTIONS[what], "and")
+            has = wording.in_prose(_OPTIONS[what], "and")
             raise RequestError(f"{option} is not for {what}, which has {has}; leave it out.")
 
     if curves is not None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from typer import BadParameter
 
-from jbench import names
+from jbench import names, representations, typed_values
 from jbench.commands import output
 from jbench.errors import RequestError
 from jbench.settings.algorithms import ALGORITHMS
@@ -30,20 +30,20 @@ def known_or_held(setting: str, value: str, databases: Sequence["Results"]) -> s
     """
     known = _KNOWN[setting]
     name = value.lower()
-    if (names.kind_in(name) if setting == "representation" else name) in known:
+    if (representations.kind_in(name) if setting == "representation" else name) in known:
         return name
 
     from jbench.store.listing import setting_values
 
     held = {text for results in databases for text in setting_values(results, setting)}
     what = "algorithm" if setting == "algo" else setting
-    return names.known(what, value, sorted({*known, *held}))
+    return typed_values.known(what, value, sorted({*known, *held}))
 
 
 _KNOWN = {
     "task": names.TASKS,
     "algo": ALGORITHMS,
-    "representation": (names.FULL, names.OFE, *names.ENCODER_KINDS),
+    "representation": (representations.FULL, representations.OFE, *representations.ENCODER_KINDS),
 }
 
 
@@ -60,7 +60,7 @@ def run_filters(
 
     filters: dict[str, Collection[Any]] = {} if status is None else {"status": [status]}
     if seed is not None:
-        filters["seed"] = names.parse_numbers(seed, "--seed")
+        filters["seed"] = typed_values.parse_numbers(seed, "--seed")
 
     for setting, value in typed.items():
         if value is None:
@@ -70,7 +70,7 @@ def run_filters(
         if setting == "representation":
             held = setting_values(results, setting)
             meant = representations_meant(value, held)
-            value = names.FULL if value.lower() in names.NO_ENCODER else value
+            value = representations.FULL if value.lower() in representations.NO_ENCODER else value
 
         filters[setting] = meant or [known_or_held(setting, value, [results])]
 
@@ -79,7 +79,7 @@ def run_filters(
 
 def seeds(text: str) -> list[int]:
     """Returns the seeds of `--seeds`; prints a note if a number of seeds was probably meant."""
-    numbers = names.parse_numbers(text)
+    numbers = typed_values.parse_numbers(text)
     typed = {"--seeds", f"--seeds={text}"} & set(output.typed)
     if typed and text.isdecimal() and numbers != [0]:
         (number,) = numbers

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from typer import Option
 
-from jbench import names, task_specs
+from jbench import names, task_specs, typed_values
 from jbench.commands import options, output, parsing
 from jbench.errors import RequestError
 from jbench.report.numbers import whole
@@ -131,7 +131,7 @@ def render(
     if failure is not None and about.has_physics:
         raise failure
     if camera is not None and about.cameras is not None:
-        names.known("camera", camera, (*about.cameras, FREE))
+        typed_values.known("camera", camera, (*about.cameras, FREE))
 
     length = about.episode_steps
     steps = length if steps is None else steps

@@ -5,14 +5,14 @@ from collections.abc import Collection, Sequence
 
 import typer
 
-from jbench import names
+from jbench import representations, wording
 
 _INSTEAD_OF_VERBS = {
     "encoders": "query 'FROM encoders'",
     "list": "runs",
     "ls": "runs",
     "plot": "report",
-    **{f"train-{kind}": f"train-encoder --kind {kind}" for kind in names.ENCODER_KINDS},
+    **{f"train-{kind}": f"train-encoder --kind {kind}" for kind in representations.ENCODER_KINDS},
 }
 """Commands that users may look for, and what to type instead."""
 
@@ -84,7 +84,7 @@ def _of_verb(
     if message.startswith("Missing option"):
         missing = _missing_options(context, arguments)
         if len(missing) > 1:
-            return f"Missing options {names.in_prose(missing, 'and')}"
+            return f"Missing options {wording.in_prose(missing, 'and')}"
 
     return message
 

@@ -2,7 +2,7 @@
 
 from typer import Argument
 
-from jbench import names
+from jbench import typed_values
 from jbench.commands import options, output
 
 
@@ -19,7 +19,7 @@ def schema(
     from jbench.commands.forms import DOCUMENTS, FILES, schema_of
 
     if name is not None:
-        known = names.known("schema", name, [*DOCUMENTS, *FILES])
+        known = typed_values.known("schema", name, [*DOCUMENTS, *FILES])
         output.raw(f"{output.json_text(schema_of(known))}\n")
         return
     if json:

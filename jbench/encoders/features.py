@@ -10,9 +10,9 @@ import re
 from collections.abc import Sequence
 
 from jbench.errors import RequestError
-from jbench.names import closest
 from jbench.settings.base import settings_hash
 from jbench.tasks.find import find_task
+from jbench.typed_values import closest
 
 ALL_BUT = "without"
 ONLY = "of"

@@ -10,13 +10,12 @@ from jbench.encoders.registry import kind_names, present_code
 from jbench.encoders.representations import named_encoder, without_options
 from jbench.encoders.settings import EncoderSettings
 from jbench.errors import RequestError, WorkError
-from jbench.names import in_prose
 from jbench.store import Record, Results
 from jbench.store.code import ACCEPT, ChangedCodeError, changed_files, since_recorded
 from jbench.store.provenance import shell_command
 from jbench.store.shipped import results_to_read
 from jbench.tasks.find import find_task
-from jbench.wording import with_results
+from jbench.wording import in_prose, with_results
 
 
 def find_encoder(

@@ -19,11 +19,12 @@ from jbench.encoders.features import columns
 from jbench.encoders.kind import Fitted, Kind, Learned
 from jbench.encoders.states import split_episodes
 from jbench.errors import RequestError, WorkError, sentence_of_failure
-from jbench.names import ENCODER_KINDS, OFE, known
+from jbench.representations import ENCODER_KINDS, OFE
 from jbench.settings.base import settings_with
 from jbench.sources import checksum
 from jbench.store import Record
 from jbench.store.code import with_data_read
+from jbench.typed_values import known
 
 _WHAT = "kind of encoder"
 

@@ -8,7 +8,8 @@ from jbench.encoders.option_names import SCALES, options_from_name
 from jbench.encoders.registry import kind_names, latent_sizes
 from jbench.encoders.settings import EncoderSettings, wrong_size
 from jbench.errors import RequestError
-from jbench.names import REPRESENTATION, EncoderBase
+from jbench.names import EncoderBase
+from jbench.representations import REPRESENTATION
 
 
 def named_encoder(name: str, task: str) -> EncoderSettings | None:

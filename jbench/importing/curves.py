@@ -7,11 +7,11 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from jbench.names import ReturnsName, in_prose
+from jbench.names import ReturnsName
 from jbench.settings.recorded import variant
 from jbench.store import schema
 from jbench.store.record_files import to_table
-from jbench.wording import are, counted
+from jbench.wording import are, counted, in_prose
 
 _LABELS = ["task", "algo", "representation"]
 _SEED = [*_LABELS, "seed"]

@@ -19,8 +19,8 @@ from jbench.importing.path_names import PathNames, names_in_path, notes_on_names
 from jbench.importing.readers import Series, read_evaluations, read_monitor
 from jbench.importing.request import EVALUATION_TAG, TAGS
 from jbench.importing.resumed import continued, in_order
-from jbench.names import ReturnsName, in_prose
-from jbench.wording import counted
+from jbench.names import ReturnsName
+from jbench.wording import counted, in_prose
 
 _RUN = ["task", "method", "seed"]
 _COLUMNS = [*_RUN, "steps", "return"]

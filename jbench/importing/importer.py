@@ -13,12 +13,12 @@ from jbench.importing.readers import FORMATS, Series
 from jbench.importing.request import ImportRequest
 from jbench.importing.resumed import continued, in_order
 from jbench.importing.tables import MAX_STEPS, ImportedFile, open_file
-from jbench.names import in_prose
 from jbench.settings.records import ImportSettings, Labels
 from jbench.store import Results, schema
 from jbench.store.manifest import check_settings
 from jbench.store.record_files import to_table
 from jbench.task_specs import return_range
+from jbench.wording import in_prose
 
 _ROUNDING = 0.01  # of rewards that were summed in single precision
 _MAX = {"control_steps": MAX_STEPS, "length": (1 << 31) - 1}  # the column of lengths is int32

@@ -12,7 +12,7 @@ from jbench.importing import tables
 from jbench.importing.path_names import PathNames, names_in_path, without_seed
 from jbench.importing.request import EVALUATION_TAG, RETURN, STEPS, TAGS
 from jbench.importing.wandb_chart import is_chart, read_chart
-from jbench.names import in_prose
+from jbench.wording import in_prose
 
 _MORE_STEPS = (
     "env_step",

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from jbench.importing.request import parse_seed
-from jbench.names import in_prose
+from jbench.wording import in_prose
 
 _SEED = re.compile(
     r"(?:^|[^a-z0-9])seed[_=-]?(?P<seed>\d+)(?![a-z0-9])|_s(?P<s>\d+)$", re.IGNORECASE

@@ -6,8 +6,9 @@ from typing import Self
 from pydantic import Field, model_validator
 
 from jbench.errors import RequestError
-from jbench.names import IMPORT_FORMATS, MAX_SEED, ImportFormat, ReturnsName, in_prose
+from jbench.names import IMPORT_FORMATS, MAX_SEED, ImportFormat, ReturnsName
 from jbench.settings.records import Labels
+from jbench.wording import in_prose
 
 STEPS = ("control_steps", "global_step", "timesteps", "steps", "step")
 RETURN = ("episode_return", "episodic_return", "return", "reward")

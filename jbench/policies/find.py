@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from jbench import plugins
 from jbench.errors import RequestError, WorkError, sentence_of_failure
-from jbench.names import HEURISTIC, POLICIES, POLICY_NAMES, REFERENCE, closest
+from jbench.names import HEURISTIC, POLICIES, POLICY_NAMES, REFERENCE
 from jbench.policies.actors import acting
 from jbench.policies.located import SHIPPED, locate_run
 from jbench.policies.saved import load_agent
@@ -26,6 +26,7 @@ from jbench.settings.recorded import Run, read_run
 from jbench.store import Results
 from jbench.tasks.find import find_task
 from jbench.tasks.task import Act
+from jbench.typed_values import closest
 
 _OURS = (*POLICIES, REFERENCE)
 

@@ -4,10 +4,11 @@ from difflib import get_close_matches
 from typing import NamedTuple
 
 from jbench.errors import RequestError
-from jbench.names import REFERENCE, shown_as
+from jbench.names import REFERENCE
 from jbench.store import Results
 from jbench.store.rows import has_policy
 from jbench.store.shipped import LEFT_OUT, shipped_results
+from jbench.typed_values import shown_as
 
 SHIPPED = f"{REFERENCE}/"
 """Prefix of the names of shipped policies; the id of the run follows."""

@@ -12,13 +12,14 @@ import pandas as pd
 import pyarrow.compute as pc
 
 from jbench.errors import NothingYetError
-from jbench.names import RETURNS, Order, ReturnsName, in_prose, shown_representation
+from jbench.names import RETURNS, Order, ReturnsName
 from jbench.report.configurations import seed_frame
 from jbench.report.data import sources
 from jbench.report.data.configuration import Configuration, with_returns
 from jbench.report.data.curves import QUANTILES, Curve
 from jbench.report.data.points import Part, long_frame
 from jbench.report.request import WINDOW, Request, representations_meant
+from jbench.representations import shown_representation
 from jbench.returns import last_evaluation_return
 from jbench.settings.base import validated
 from jbench.settings.recorded import Run, flatten, parse_run
@@ -26,6 +27,7 @@ from jbench.statistics import FloatArray
 from jbench.store import Results, query
 from jbench.store.evaluations import ADDED
 from jbench.store.shipped import results_to_read
+from jbench.wording import in_prose
 
 _RUN = [
     "run",

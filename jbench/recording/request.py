@@ -14,8 +14,9 @@ from jbench import names, plugins
 from jbench.encoders import encoder_code, find_encoder
 from jbench.errors import RequestError
 from jbench.loggers.logger import make_logger
-from jbench.names import NO_ENCODER, OFE, LoggerName, TimeLimit, kind_in, known
+from jbench.names import LoggerName, TimeLimit
 from jbench.recording.recorder import Recording
+from jbench.representations import NO_ENCODER, OFE, kind_in
 from jbench.settings.base import validated
 from jbench.settings.evaluations import EVALUATION_EPISODES, evaluation_interval
 from jbench.settings.recorded import COMPARED
@@ -26,6 +27,7 @@ from jbench.store.shipped import results_to_write
 from jbench.store.weights import encoder_weights
 from jbench.tasks.find import checked_task, code_provenance, episode_provenance
 from jbench.training.request import read_representation
+from jbench.typed_values import known
 
 _STEPS = ("steps", "total_timesteps", "total_steps", "timesteps", "n_timesteps")
 

@@ -5,11 +5,12 @@ from collections.abc import Iterator, Mapping
 
 import pandas as pd
 
-from jbench.names import FULL, in_prose
 from jbench.report.data.source_names import FILE
 from jbench.report.numbers import steps, whole
+from jbench.representations import FULL
 from jbench.statistics.bootstrap import DECIDING_SEEDS
 from jbench.studies.quantities import FINAL_RETURN, SPEED
+from jbench.wording import in_prose
 
 _OUTCOMES = {
     "higher": "reach higher final returns",

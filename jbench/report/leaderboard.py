@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from jbench.errors import RequestError
-from jbench.names import FULL, HEURISTIC
+from jbench.names import HEURISTIC
 from jbench.report.configurations import configuration_frame
 from jbench.report.data import sources
 from jbench.report.data.configuration import in_order, with_returns
@@ -15,6 +15,7 @@ from jbench.report.data.source_names import IMPORTED, OWN, PUBLISHED, directory_
 from jbench.report.data.untrained import HAND_WRITTEN
 from jbench.report.policies import hand_written_returns
 from jbench.report.request import Request
+from jbench.representations import FULL
 from jbench.settings.algorithms import display_name
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st

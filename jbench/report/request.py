@@ -9,19 +9,11 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from jbench.errors import RequestError
-from jbench.names import (
-    FIGURE_FORMATS,
-    FULL,
-    NO_ENCODER,
-    Order,
-    ReturnsName,
-    is_reference,
-    kind_in,
-    known,
-    shown_representation,
-)
+from jbench.names import FIGURE_FORMATS, Order, ReturnsName, is_reference
+from jbench.representations import FULL, NO_ENCODER, kind_in, shown_representation
 from jbench.settings.base import Settings
 from jbench.settings.code_words import CODE_WORDS
+from jbench.typed_values import known
 
 WINDOW = 100  # episodes in a moving average (paper, Figures 8 and 9)
 _DATE = r"\d{4}-\d\d-\d\d( \d\d:\d\d)?"

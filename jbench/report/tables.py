@@ -2,7 +2,6 @@
 
 import pandas as pd
 
-from jbench.names import in_prose
 from jbench.report.analysis.scores import NORMALIZED
 from jbench.report.comparison_tables import (
     claims_table,
@@ -33,6 +32,7 @@ from jbench.report.table import (
 from jbench.returns import TRAINING
 from jbench.statistics.bootstrap import DECIDING_SEEDS
 from jbench.task_specs import SOLVED_RETURN
+from jbench.wording import in_prose
 
 _FINAL = {
     "evaluation": "Mean return of a run's last evaluation, in which the policy is deterministic.",

@@ -11,7 +11,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from pydantic.fields import FieldInfo
 
 from jbench.errors import RequestError
-from jbench.names import MAX_COUNT, MAX_SEED, closest
+from jbench.names import MAX_COUNT, MAX_SEED
+from jbench.typed_values import closest
 
 Seed = Annotated[int, Field(ge=0, le=MAX_SEED)]
 Count = Annotated[int, Field(ge=1, le=MAX_COUNT)]

@@ -8,15 +8,8 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from jbench import task_specs
 from jbench.errors import RequestError
-from jbench.names import (
-    FULL,
-    MAX_COUNT,
-    OFE,
-    ImportFormat,
-    ReturnsName,
-    TimeLimit,
-    known,
-)
+from jbench.names import MAX_COUNT, ImportFormat, ReturnsName, TimeLimit
+from jbench.representations import FULL, OFE
 from jbench.settings.base import (
     Count,
     RecordSettings,
@@ -27,6 +20,7 @@ from jbench.settings.base import (
     settings_with,
     typed,
 )
+from jbench.typed_values import known
 
 CODE = ("compiled", "sources")
 """Fields of `Specs` that are of the code behind a name, and that old records lack."""

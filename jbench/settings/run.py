@@ -4,7 +4,8 @@ from typing import Any, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from jbench.names import OFE, EngineName, Precision, kind_in
+from jbench.names import EngineName, Precision
+from jbench.representations import OFE, kind_in
 from jbench.settings.algorithms import SETTINGS, Algorithm, Foreign
 from jbench.settings.base import omissible, validated
 from jbench.settings.engines import ENGINES

@@ -10,10 +10,10 @@ from datetime import datetime
 from typing import Any
 
 from jbench.errors import RequestError
-from jbench.names import in_prose
 from jbench.settings.base import settings_hash
 from jbench.store.provenance import package_versions
 from jbench.store.record import Record
+from jbench.wording import in_prose
 
 Code = Mapping[str, Any]
 """Provenance of code, by the names of `CODE`."""

@@ -5,11 +5,11 @@ from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 
 from jbench.errors import RequestError, WorkError
-from jbench.names import closest, shown_as
 from jbench.store import files
 from jbench.store.code import date_of
 from jbench.store.manifest import ID, MANIFEST, Json, Manifest, RecordKind
 from jbench.store.record import Folder, Record
+from jbench.typed_values import closest, shown_as
 from jbench.wording import with_results
 
 _MAX_SHOWN = 5  # ids in a message

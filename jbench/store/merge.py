@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 import pyarrow as pa
 
 from jbench.errors import RequestError, WorkError
-from jbench.names import POLICY_FILES, in_prose
+from jbench.names import POLICY_FILES
 from jbench.store import record_files, schema
 from jbench.store.database import Results
 from jbench.store.files import NoRoomError
@@ -20,6 +20,7 @@ from jbench.store.record import Folder, Record
 from jbench.store.rows import has_policy
 from jbench.store.verify import ShowProgress, examine, no_progress
 from jbench.store.weights import has_other_encoder
+from jbench.wording import in_prose
 
 MergeOutcome = Literal["copied", "replaced", "same", "kept", "refused"]
 """Outcome for a record: copied; replaced an unfinished one, which was set aside; the same except

@@ -6,7 +6,8 @@ from functools import cached_property
 from typing import Any
 
 from jbench.errors import RequestError
-from jbench.names import FULL, Base, kind_in, shown_representation
+from jbench.names import Base
+from jbench.representations import FULL, kind_in, shown_representation
 from jbench.settings.algorithms import (
     SETTINGS,
     algorithm_settings,

@@ -5,12 +5,13 @@ import shlex
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from jbench.names import FULL, in_ranges
+from jbench.representations import FULL
 from jbench.settings.defaults import chosen
 from jbench.settings.recorded import Run, read_run
 from jbench.settings.run import RunSettings
 from jbench.store.provenance import shell_command
 from jbench.studies.rebuilt_matrix import SameSettings, groups
+from jbench.typed_values import in_ranges
 
 
 def commands(

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from jbench.errors import RequestError
-from jbench.names import SWEEPS, known
+from jbench.names import SWEEPS
+from jbench.typed_values import known
 
 NULL = "null"
 """Text that means null, which TOML does not have."""

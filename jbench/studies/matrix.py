@@ -10,11 +10,14 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, create_model
 
 from jbench.errors import RequestError
-from jbench.names import FULL, OFE, Base, in_prose, known, parse_numbers
+from jbench.names import Base
+from jbench.representations import FULL, OFE
 from jbench.settings.base import Seed, Settings, typed_default, validated, whole
 from jbench.settings.records import LABEL, DatasetSettings, requested_ofe
 from jbench.settings.run import TYPED, RunSettings
 from jbench.studies.file import named, read_file, tables
+from jbench.typed_values import known, parse_numbers
+from jbench.wording import in_prose
 
 PART = "part"
 COMPARISON = "comparison"

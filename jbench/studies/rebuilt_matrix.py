@@ -6,13 +6,13 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from jbench.names import in_ranges
 from jbench.settings.base import canonical_json, in_id, task_and_representation
 from jbench.settings.recorded import SEED, Run, alike, read_run
 from jbench.settings.records import DatasetSettings
 from jbench.settings.run import TYPED, RunSettings
 from jbench.studies.file import NULL
 from jbench.studies.matrix import OF_EVALUATION
+from jbench.typed_values import in_ranges
 
 _OWN = ("tasks", "algos", "representations", "seeds", "encoder", "ofe")
 """Keys of a part that are never written once for all parts."""

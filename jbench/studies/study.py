@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 from jbench.errors import RequestError
-from jbench.names import FULL, MAX_SEEDS, features_in, kind_in, known
+from jbench.names import MAX_SEEDS
+from jbench.representations import FULL, features_in, kind_in
 from jbench.settings.base import canonical_json
 from jbench.settings.recorded import SEED, alike, with_implied
 from jbench.statistics.sequential import ERROR_RATE
@@ -14,6 +15,7 @@ from jbench.studies.entries import Claim, Entry, Side
 from jbench.studies.file import named
 from jbench.studies.matrix import Parts
 from jbench.studies.quantities import SPEED
+from jbench.typed_values import known
 
 SCALED = "scaled"
 RAW = "raw"  # the observation in SI units

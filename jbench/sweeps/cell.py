@@ -13,7 +13,8 @@ from jbench.encoders.registry import kind_names, make_kind
 from jbench.encoders.representations import named_encoder
 from jbench.encoders.settings import EncoderSettings, encoder_settings
 from jbench.encoders.training import plan_encoder
-from jbench.names import FULL, OFE, Base, known
+from jbench.names import Base
+from jbench.representations import FULL, OFE
 from jbench.settings.base import validated
 from jbench.settings.records import DatasetSettings
 from jbench.settings.run import RunSettings
@@ -25,6 +26,7 @@ from jbench.tasks.find import dataset_robot, find_task
 from jbench.training.code import plan_runs
 from jbench.training.kept_evaluations import with_kept_evaluations
 from jbench.training.request import make_runs, read_representation
+from jbench.typed_values import known
 
 
 @dataclass(frozen=True)

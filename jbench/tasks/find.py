@@ -11,7 +11,7 @@ from typing import Any
 
 from jbench import plugins
 from jbench.errors import RequestError
-from jbench.names import TASKS, closest, in_prose
+from jbench.names import TASKS
 from jbench.settings.records import CODE, Specs
 from jbench.sources import source_files
 from jbench.task_specs import GYM, SUITE, SUITE_TASKS, TASK_GROUP
@@ -20,6 +20,8 @@ from jbench.tasks.dm import DmTask
 from jbench.tasks.jitterbug.task import JitterbugTask
 from jbench.tasks.own_pictures import RENDER_MODE
 from jbench.tasks.task import Task
+from jbench.typed_values import closest
+from jbench.wording import in_prose
 
 EPISODES_REPEAT = "episodes_repeat"
 """Key of provenance: false if the same seed and actions made another episode."""

@@ -14,9 +14,9 @@ import gymnasium
 
 from jbench import plugins
 from jbench.errors import RequestError, WorkError, sentence_of_failure
-from jbench.names import closest
 from jbench.sources import source_files
 from jbench.task_specs import GYM
+from jbench.typed_values import closest
 
 _WRITTEN_IN_PYTHON = {"True": "true", "False": "false", "None": "null"}
 

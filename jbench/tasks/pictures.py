@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from jbench import opengl
 from jbench.errors import RequestError
-from jbench.names import in_prose
 from jbench.tasks.task import Task
 from jbench.tasks.worlds import ModelAndData, Worlds
+from jbench.wording import in_prose
 
 FREE = "free"
 """Name of the camera that sees the whole model, which every robot has."""

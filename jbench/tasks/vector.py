@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from jbench.cores import cores
 from jbench.errors import RequestError
-from jbench.names import in_prose
 from jbench.tasks.find import find_task
 from jbench.tasks.gym import frame_rate, spaces
 from jbench.tasks.pictures import Pictures, View
 from jbench.tasks.worlds import Chosen
+from jbench.wording import in_prose
 
 Infos = dict[str, Any]
 

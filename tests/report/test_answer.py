@@ -15,7 +15,6 @@ import pytest
 from scipy.stats import trim_mean
 
 import jbench
-from jbench.names import in_prose
 from jbench.report.data.untrained import (
     HAND_WRITTEN,
     RANDOM,
@@ -24,6 +23,7 @@ from jbench.report.data.untrained import (
 )
 from jbench.statistics.bootstrap import difference, estimate, interquartile_mean
 from jbench.store.shipped import shipped_results
+from jbench.wording import in_prose
 from tests.command_line import succeed
 from tests.documentation import ROOT
 from tests.report.golden.cases import shipped_frames

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from jbench.names import shown_representation
 from jbench.report.data.build import usable_runs
 from jbench.report.frames import Frames
 from jbench.report.page import render
 from jbench.report.reading import notes_on
 from jbench.report.report import table_files
+from jbench.representations import shown_representation
 from jbench.settings.algorithms import algorithm_settings
 from jbench.store.listing import list_runs
 from jbench.store.tables import read_tables

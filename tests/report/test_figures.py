@@ -11,7 +11,6 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
-from jbench.names import ENCODER_KINDS, kind_in
 from jbench.report import style
 from jbench.report.data.untrained import shipped_untrained
 from jbench.report.encoders import PREDICTED
@@ -22,6 +21,7 @@ from jbench.report.frames import Frames
 from jbench.report.request import Request
 from jbench.report.svg import panel_svgs
 from jbench.report.texts import map_texts
+from jbench.representations import ENCODER_KINDS, kind_in
 from jbench.task_specs import SOLVED_RETURN
 
 NAMES = [

@@ -9,7 +9,6 @@ from typer.main import get_command
 from jbench.agents.algorithms import choose_engine
 from jbench.cli import app
 from jbench.commands import parsing
-from jbench.names import in_ranges, parse_numbers
 from jbench.settings.recorded import read_run
 from jbench.settings.run import TYPED
 from jbench.store import Results
@@ -20,6 +19,7 @@ from jbench.studies.matrix import read_matrix
 from jbench.studies.rebuilt_matrix import matrix
 from jbench.sweeps.cell import all_runs, matrix_cells
 from jbench.training.request import request_runs
+from jbench.typed_values import in_ranges, parse_numbers
 
 VARIED = [
     {"algo": "td3", "seeds": range(3)},

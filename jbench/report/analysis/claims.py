@@ -11,7 +11,6 @@ from itertools import product
 
 import numpy as np
 
-from jbench.names import FULL, REPRESENTATION, kind_in
 from jbench.report.analysis.baselines import with_baselines
 from jbench.report.analysis.decisions import StudyComparison
 from jbench.report.analysis.findings import (
@@ -32,6 +31,7 @@ from jbench.report.data.configuration import Configuration, differing_in
 from jbench.report.data.scores import Scores
 from jbench.report.data.untrained import random_return
 from jbench.report.numbers import signed, steps, whole, with_interval
+from jbench.representations import FULL, REPRESENTATION, kind_in
 from jbench.settings.algorithms import display_name
 from jbench.settings.recorded import comparable
 from jbench.statistics import FloatArray

@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jbench.names import FULL, TASKS, Order, ReturnsName, kind_in, shown_representation
+from jbench.names import TASKS, Order, ReturnsName
 from jbench.report.data.common_steps import CommonPoints, SeedPoints, at_common_steps, distinct
 from jbench.report.data.curves import Curve, SeedCurve, learning_curve, seed_curve
 from jbench.report.data.points import Points
 from jbench.report.data.scores import Scores
 from jbench.report.data.source_names import FILE, OWN, has_solved_return
 from jbench.report.request import WINDOW
+from jbench.representations import FULL, kind_in, shown_representation
 from jbench.returns import EVALUATION
 from jbench.settings.algorithms import ALGORITHMS, display_name
 from jbench.settings.recorded import comparable

@@ -8,8 +8,9 @@ import pandas as pd
 import pyarrow as pa
 from numpy.lib.stride_tricks import sliding_window_view
 
-from jbench.names import FULL, Order, ReturnsName, shown_representation
+from jbench.names import Order, ReturnsName
 from jbench.report.data.source_names import PUBLISHED
+from jbench.representations import FULL, shown_representation
 from jbench.returns import averaged_points, mean_over_run
 from jbench.statistics import FloatArray, IntArray
 from jbench.task_specs import episode_steps

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from jbench.arrays import Array
 from jbench.errors import RequestError
-from jbench.names import in_prose
 from jbench.task_specs import TASK_SPECS
 from jbench.tasks.jitterbug.geometry import TARGET_HEIGHT, Target
+from jbench.wording import in_prose
 
 Random = np.random.Generator | np.random.RandomState  # dm_control uses the latter
 

@@ -28,8 +28,8 @@ def comparisons(
     every = with_baselines(parts, max_seeds)
     if not every:
         raise RequestError(
-            "No two configurations of this matrix differ only in a representation and full or "
-            "scaled, so there is nothing to decide; list what to compare as [[comparison]] "
+            "No two configurations of this matrix differ only in a representation and full, "
+            "scaled or raw, so there is nothing to decide; list what to compare as [[comparison]] "
             "(docs/deciding.md)."
         )
 

@@ -92,7 +92,8 @@ def planned(
 def with_baselines(parts: Parts, max_seeds: int = MAX_SEEDS) -> list[PlannedComparison]:
     """Returns a comparison of each reduced representation with each baseline of the same features.
 
-    Each has the whole error rate: whoever chooses some of them divides it; see `chosen`.
+    As in a report, `raw` is a baseline where nothing observes `full`. Each comparison has the whole
+    error rate: whoever chooses some of them divides it; see `chosen`.
     """
     every = _different(parts)
 
@@ -102,10 +103,11 @@ def with_baselines(parts: Parts, max_seeds: int = MAX_SEEDS) -> list[PlannedComp
     baselines = {observed(arm, kind_in(arm.short_name)): arm for arm in every}
     compared = []
     for arm in every:
-        if kind_in(arm.short_name) in BASELINES:
+        names = BASELINES if observed(arm, FULL) in baselines else (RAW, SCALED)
+        if kind_in(arm.short_name) in names:
             continue
 
-        for name in BASELINES:
+        for name in names:
             theirs = baselines.get(observed(arm, name))
             if theirs is not None:
                 labels = arm.representation, name

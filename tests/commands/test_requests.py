@@ -87,7 +87,7 @@ from tests.documentation import ROOT
         (("sweep", "fig7", "dae12"), "COMPARISON and --max-seeds are for --until-decided."),
         (("sweep", "fig7", "--until-decided", "--seeds", "0-3"), "type --max-seeds, not --seeds"),
         (("sweep", "fig7", "--until-decided", "--max-seeds", "7"), "7: type a multiple of 5."),
-        (("sweep", "fig7", "--until-decided", "dae3"), "'dae3'; did you mean dae12?"),
+        (("sweep", "fig7", "--until-decided", "dae3-script"), "did you mean dae12-script?"),
         (("trian",), r"Did you mean 'train'\? jbench --help lists the commands\."),
         (("train", "--set", "hidden_layers=16"), "can't be 16: it should be a list in brackets."),
     ],

@@ -176,6 +176,13 @@ def test_without_a_list_representations_are_compared_with_baselines_of_their_fea
     }
 
 
+@pytest.mark.parametrize("figure", ["fig7", "fig8"])
+def test_raw_is_the_baseline_where_nothing_observes_full(figure):
+    (comparison,) = with_baselines(read_matrix(figure))
+    assert comparison.first.representation.startswith("dae12-")
+    assert comparison.second.representation.startswith("raw")
+
+
 def test_parts_that_repeat_an_arm_plan_its_comparison_once(tmp_path):
     """Options of other kinds, and encoders beside learned features, are of no arm's runs."""
     file = tmp_path / "study.toml"

@@ -137,6 +137,9 @@ def module_in_file(path: str) -> tuple[str, str]:
 
 def is_module(name: str) -> bool:
     """Returns whether a name is that of a module that can be imported; imports no package."""
+    if name in sys.modules:  # also `__main__`, which may have no file
+        return True
+
     find_working_directory()
     is_name = all(part.isidentifier() for part in name.split("."))
     return is_name and sources.module_file(name) is not None

@@ -35,7 +35,7 @@ settings.load_profile("jbench")
 def pytest_collection():
     """Imports all tests without the garbage collector, which then leaves their modules alone.
 
-    In each worker it would take a tenth of the time of the imports, and seconds of the tests.
+    In each worker it would take a quarter of the time of collection, and seconds of the tests.
     """
     gc.disable()
     try:

@@ -45,7 +45,7 @@ def test_gif_loops_episode_in_real_time(tmp_path, monkeypatch):
     assert (animation.n_frames, animation.size) == (5, (160, 120))
     assert animation.info["loop"] == 0
     assert last.time == 0.16
-    about = ("move_to_pose, half power", "tracking camera")
+    about = ("move_to_pose, half power", "tracking camera, 1 check = 1 cm")
     for index, expected in enumerate(pictures(range(0, 17, 4), lambda f: video_picture(f, *about))):
         animation.seek(index)
         assert animation.info["duration"] == 40  # ms
@@ -65,7 +65,7 @@ def test_mp4_shows_episode_in_slow_motion(tmp_path):
     assert reported == list(range(17))
     steps = range(0, 17, 2)
     for content, frame in zip(shown, render_episode(Constant(), SCENE, steps), strict=True):
-        note = "tracking camera, 0.5 x real time"
+        note = "tracking camera, 1 check = 1 cm, 0.5 x real time"
         expected = video_picture(frame, "move_to_pose, x", note).astype(int)
         found = np.frombuffer(content, np.uint8).reshape(120, 160, 3)
         assert np.abs(found - expected).mean() < 8

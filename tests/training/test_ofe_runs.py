@@ -14,9 +14,9 @@ from jbench.settings.records import OFESettings
 from jbench.settings.run import RunSettings
 from jbench.settings.variants import variant_labels
 from jbench.store import Results
+from jbench.studies.comparisons import comparisons
 from jbench.studies.matrix import read_matrix
 from jbench.sweeps.cell import matrix_cells
-from jbench.sweeps.deciding import comparisons
 from jbench.training.batched_run import run_batch
 from tests.short_episodes import shorten_episodes
 from tests.training.small_runs import requested, small_run

@@ -217,6 +217,22 @@ def test_all_differences(returns):
     assert f"is lower than with `full`: p is {p}, corrected" in text_of("answer-details")
 
 
+def test_final_return_of_ddpg_without_added_episodes(returns, ddpg_evaluations):
+    p_values = []
+    for first, name, baseline, *_ in table("docs/answer-details.md", "at the end"):
+        algo, task = configuration(first)
+        pair = [returns["evaluation", algo, task, n].final for n in (name, baseline)]
+        if (algo, name, baseline) == ("ddpg", "dae12", "full"):
+            place = len(p_values)
+            full, latents = (ddpg_evaluations[task, *agents] for agents in FIGURE_7[:2])
+            pair = [
+                np.array([means.iloc[-1] for means in side.values()]) for side in (latents, full)
+            ]
+        p_values.append(p_value(*pair))
+    p = holm(p_values)[place]
+    assert f"to two of the twelve runs, p is {p:.3f}." in text_of("answer-details")
+
+
 def p_value(ours, theirs):
     """Returns that of the exact permutation test of two means of as many seeds, two-sided."""
     returns = np.concatenate([ours, theirs])

@@ -179,8 +179,8 @@ def _final_returns_caption(frames: Frames, agents: pd.DataFrame) -> str:
     if len(frames.baselines):
         fewest = int(frames.baselines["episodes"].min())
         sentences.append(
-            f"Random and hand-written policies: the mean of {fewest} episodes or more, in place of "
-            "a median or an IQM of seeds."
+            f"Random and hand-written policies: the mean of {fewest} episodes or more, "
+            "not a number of seeds."
         )
     if NORMALIZED in set(agents["task"]):
         sentences.append("Normalized: 0 is the lowest and 1 the highest return of a task.")

@@ -19,7 +19,7 @@ import pyarrow as pa
 from jbench.archive.words import found_in, may_name_something
 from jbench.encoders.registry import short_name
 from jbench.names import POLICIES, TASKS
-from jbench.representations import ENCODER_KINDS
+from jbench.representation_names import ENCODER_KINDS
 from jbench.settings.algorithms import SETTINGS
 from jbench.settings.base import in_id, settings_hash
 from jbench.settings.records import CODE, EXTERNAL, JITTERBUG

@@ -20,9 +20,9 @@ from jbench.encoders.settings import encoder_settings
 from jbench.encoders.states import States
 from jbench.encoders.training import train_encoder
 from jbench.errors import WorkError
-from jbench.settings.records import DatasetSettings
+from jbench.settings.records import DatasetSettings, dataset_robot
 from jbench.store import Record, Results
-from jbench.tasks.find import dataset_robot, find_task
+from jbench.tasks.find import find_task
 
 _STEPS = 5000
 """Control steps of a random policy that encoders are trained on: a fifth is held out."""
@@ -143,7 +143,8 @@ class _Trial:
     def _train(self, place: str, seed: int) -> Record:
         """Collects a small dataset in a place of its own and trains an encoder on it."""
         results = Results(self._folder / place)
-        robot = dataset_robot(find_task(self._task))
+        task = find_task(self._task)
+        robot = dataset_robot(task.name, task.specs)
         collect(DatasetSettings(steps=_STEPS, **robot), results, 1)
         dataset = find_dataset(results, None, self._task)
         settings = encoder_settings(

@@ -6,7 +6,7 @@ from typing import Any
 
 from jbench.commands import options, output, parsing
 from jbench.commands.kept import kept_steps
-from jbench.settings.records import DatasetSettings
+from jbench.settings.records import DatasetSettings, dataset_robot
 from jbench.wording import with_results
 
 
@@ -25,10 +25,13 @@ def collect(
     from jbench.datasets import plan_dataset
     from jbench.settings.base import validated
     from jbench.store.planned import sentences
-    from jbench.tasks.find import checked_task, dataset_robot, find_task
+    from jbench.tasks.find import checked_task, find_task
 
     database = parsing.results_to_write(results)
-    robot = {} if task is None else dataset_robot(find_task(task))
+    robot: dict[str, Any] = {}
+    if task is not None:
+        about = find_task(task)
+        robot = dataset_robot(about.name, about.specs)
     settings = validated(DatasetSettings, "the dataset", **robot, **chosen)
     plan = plan_dataset(settings, database)
     settings = plan.settings

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 from typer import Option
 
-from jbench import names, representations, typed_values
+from jbench import names, typed_values
 from jbench.commands import options, output, parsing
 from jbench.commands.encoder_tables import show_errors, show_explained
 from jbench.commands.kept import kept_encoders
+from jbench.representation_names import ENCODER_KINDS
 from jbench.wording import counted, with_results
 
 if TYPE_CHECKING:
@@ -30,9 +31,9 @@ _TRIAL = 1000  # episodes; who collects fewer first tries what comes next
 def train_encoder(
     kind: str = Option(
         "dae",
-        help=f"Kind of encoder: {', '.join(representations.ENCODER_KINDS)}, one of another "
+        help=f"Kind of encoder: {', '.join(ENCODER_KINDS)}, one of another "
         "package, or MODULE:CLASS; several: a,b.",
-        autocompletion=lambda: representations.ENCODER_KINDS,
+        autocompletion=lambda: ENCODER_KINDS,
     ),
     task: str = options.some_task(
         "face_direction",
@@ -207,7 +208,7 @@ def _counted(encoder: "EncoderSettings", states: "States") -> "EncoderSettings":
     from jbench.encoders.training import counted_latents
 
     has_several = len(latent_sizes(encoder.kind, encoder.task, encoder.options)) > 1
-    is_ours = encoder.kind in representations.ENCODER_KINDS
+    is_ours = encoder.kind in ENCODER_KINDS
     if is_ours or not has_several or not issubclass(find_kind(encoder.kind), Fitted):
         return encoder
 
@@ -250,8 +251,7 @@ def _planned(wanted: _Wanted, source: "Dataset | None") -> list["EncoderSettings
     latent = wanted.latent or str(options.LATENTS)
     numbers = typed_values.parse_numbers(latent, "--latent", "12, or 2,4,8, or 1-16")
     known = dict.fromkeys(
-        name.lower() if name.lower() in representations.ENCODER_KINDS else name
-        for name in wanted.kinds.split(",")
+        name.lower() if name.lower() in ENCODER_KINDS else name for name in wanted.kinds.split(",")
     )
 
     planned = []

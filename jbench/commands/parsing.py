@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 from typer import BadParameter
 
-from jbench import names, representations, typed_values
+from jbench import names, typed_values
 from jbench.commands import output
 from jbench.errors import RequestError
+from jbench.representation_names import ENCODER_KINDS, FULL, NO_ENCODER, OFE, kind_in
 from jbench.settings.algorithms import ALGORITHMS
 from jbench.task_specs import GYM
 
@@ -30,7 +31,7 @@ def known_or_held(setting: str, value: str, databases: Sequence["Results"]) -> s
     """
     known = _KNOWN[setting]
     name = value.lower()
-    if (representations.kind_in(name) if setting == "representation" else name) in known:
+    if (kind_in(name) if setting == "representation" else name) in known:
         return name
 
     from jbench.store.listing import setting_values
@@ -43,7 +44,7 @@ def known_or_held(setting: str, value: str, databases: Sequence["Results"]) -> s
 _KNOWN = {
     "task": names.TASKS,
     "algo": ALGORITHMS,
-    "representation": (representations.FULL, representations.OFE, *representations.ENCODER_KINDS),
+    "representation": (FULL, OFE, *ENCODER_KINDS),
 }
 
 
@@ -70,7 +71,7 @@ def run_filters(
         if setting == "representation":
             held = setting_values(results, setting)
             meant = representations_meant(value, held)
-            value = representations.FULL if value.lower() in representations.NO_ENCODER else value
+            value = FULL if value.lower() in NO_ENCODER else value
 
         filters[setting] = meant or [known_or_held(setting, value, [results])]
 

@@ -5,14 +5,15 @@ from collections.abc import Collection, Sequence
 
 import typer
 
-from jbench import representations, wording
+from jbench import wording
+from jbench.representation_names import ENCODER_KINDS
 
 _INSTEAD_OF_VERBS = {
     "encoders": "query 'FROM encoders'",
     "list": "runs",
     "ls": "runs",
     "plot": "report",
-    **{f"train-{kind}": f"train-encoder --kind {kind}" for kind in representations.ENCODER_KINDS},
+    **{f"train-{kind}": f"train-encoder --kind {kind}" for kind in ENCODER_KINDS},
 }
 """Commands that users may look for, and what to type instead."""
 
@@ -44,10 +45,10 @@ def refusal(error: typer.TyperException, arguments: Sequence[str], verbs: Collec
         if instead is not None:
             message = f"No such command '{verb}'; type jbench {instead} instead"
         elif verb.startswith("-"):
-            message += _order_of_words(arguments, verbs)
+            message += _option_before_verb(arguments, verbs)
     else:
         verb = context.info_name or ""
-        message = _of_verb(message, error, context, arguments)
+        message = _verb_refusal(message, error, context, arguments)
 
     separator = "" if message.endswith("?") else ";"
     if verb in verbs:
@@ -56,7 +57,7 @@ def refusal(error: typer.TyperException, arguments: Sequence[str], verbs: Collec
     return f"{message}{separator} jbench --help lists the commands."
 
 
-def _order_of_words(arguments: Sequence[str], verbs: Collection[str]) -> str:
+def _option_before_verb(arguments: Sequence[str], verbs: Collection[str]) -> str:
     """Returns what to type if an option stands before its command; else nothing."""
     for word in arguments:
         if word in verbs:
@@ -65,15 +66,16 @@ def _order_of_words(arguments: Sequence[str], verbs: Collection[str]) -> str:
     return ""
 
 
-def _of_verb(
+def _verb_refusal(
     message: str, error: typer.TyperException, context: typer.Context, arguments: Sequence[str]
 ) -> str:
     """Returns what is wrong with the arguments of a verb, and what to type instead if we know."""
-    unknown_option = getattr(error, "option_name", "")
-    instead = _instead_of_option(unknown_option)
-    its_options = {name for parameter in context.command.params for name in parameter.opts}
-    if instead.partition(" ")[0] in its_options:
-        return f"No such option: {unknown_option}; type {instead} instead"
+    option = getattr(error, "option_name", "")
+    if option:
+        instead = _instead_of_option(option)
+        its_options = {name for parameter in context.command.params for name in parameter.opts}
+        if instead.partition(" ")[0] in its_options:
+            return f"No such option: {option}; type {instead} instead"
 
     if "unexpected extra argument" in message:
         hint = _instead_of_setting(arguments)

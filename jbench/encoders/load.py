@@ -12,7 +12,7 @@ from jbench.encoders.registry import make_kind, present_code
 from jbench.encoders.saved import DESCRIPTION, WEIGHTS, Encoder, SavedEncoder
 from jbench.encoders.scaling import Scaling
 from jbench.errors import RequestError, WorkError
-from jbench.representations import ENCODER_KINDS, kind_in
+from jbench.representation_names import ENCODER_KINDS, kind_in
 from jbench.store import Record, Results
 from jbench.store.code import ChangedCodeError, check_code
 from jbench.store.provenance import shell_command

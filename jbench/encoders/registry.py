@@ -19,7 +19,7 @@ from jbench.encoders.features import columns
 from jbench.encoders.kind import Fitted, Kind, Learned
 from jbench.encoders.states import split_episodes
 from jbench.errors import RequestError, WorkError, sentence_of_failure
-from jbench.representations import ENCODER_KINDS, OFE
+from jbench.representation_names import ENCODER_KINDS, OFE
 from jbench.settings.base import settings_with
 from jbench.sources import checksum
 from jbench.store import Record

@@ -9,7 +9,7 @@ from jbench.encoders.registry import kind_names, latent_sizes
 from jbench.encoders.settings import EncoderSettings, wrong_size
 from jbench.errors import RequestError
 from jbench.names import EncoderBase
-from jbench.representations import REPRESENTATION
+from jbench.representation_names import REPRESENTATION
 
 
 def named_encoder(name: str, task: str) -> EncoderSettings | None:

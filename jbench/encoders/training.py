@@ -21,7 +21,7 @@ from jbench.encoders.scaling import rescaling
 from jbench.encoders.settings import EncoderSettings
 from jbench.encoders.states import States
 from jbench.errors import RequestError, WorkError
-from jbench.representations import ENCODER_KINDS
+from jbench.representation_names import ENCODER_KINDS
 from jbench.store import Record, Results
 from jbench.store.code import check_code
 from jbench.store.planned import Planned, planned

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from jbench.errors import RequestError
 from jbench.names import LISTING, PAGE, ReturnsName
 from jbench.store.manifest import MANIFEST
-from jbench.wording import counted
+from jbench.wording import are, counted
 
 _BEGINNING = 100  # bytes of a manifest, which have its first key
 
@@ -26,10 +26,10 @@ class Found(NamedTuple):
 
         such = f"{self.others[0].parent.name}/{self.others[0].name}"
         left = f"{counted(len(self.others), 'file')} such as {such}"
-        verb = "is" if len(self.others) == 1 else "are"
         return [
-            f"The folder has files such as {self.files[0].name}, so {left} {verb} left out; name "
-            "a file, or a folder that has files of one kind."
+            f"The folder has files such as {self.files[0].name}, so {left} "
+            f"{are(len(self.others))} left out; name a file, or a folder that has files of one "
+            "kind."
         ]
 
 

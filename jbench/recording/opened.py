@@ -19,7 +19,7 @@ from jbench.report.data.configuration import Configuration, with_returns
 from jbench.report.data.curves import QUANTILES, Curve
 from jbench.report.data.points import Part, long_frame
 from jbench.report.request import WINDOW, Request, representations_meant
-from jbench.representations import shown_representation
+from jbench.representation_names import shown_representation
 from jbench.returns import last_evaluation_return
 from jbench.settings.base import validated
 from jbench.settings.recorded import Run, flatten, parse_run

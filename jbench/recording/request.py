@@ -16,7 +16,7 @@ from jbench.errors import RequestError
 from jbench.loggers.logger import make_logger
 from jbench.names import LoggerName, TimeLimit
 from jbench.recording.recorder import Recording
-from jbench.representations import NO_ENCODER, OFE, kind_in
+from jbench.representation_names import NO_ENCODER, OFE, kind_in
 from jbench.settings.base import validated
 from jbench.settings.evaluations import EVALUATION_EPISODES, evaluation_interval
 from jbench.settings.recorded import COMPARED

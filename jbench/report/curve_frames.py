@@ -9,7 +9,7 @@ from jbench.report.data.configuration import ID, Curves
 from jbench.report.data.curves import QUANTILE_COLUMNS, centers
 from jbench.report.data.points import long_frame
 from jbench.report.data.source_names import IMPORTED
-from jbench.representations import kind_in, shown_representation
+from jbench.representation_names import kind_in, shown_representation
 from jbench.returns import TRAINING
 from jbench.settings.algorithms import display_name
 from jbench.statistics import bootstrap as st

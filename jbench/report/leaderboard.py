@@ -15,7 +15,7 @@ from jbench.report.data.source_names import IMPORTED, OWN, PUBLISHED, directory_
 from jbench.report.data.untrained import HAND_WRITTEN
 from jbench.report.policies import hand_written_returns
 from jbench.report.request import Request
-from jbench.representations import FULL
+from jbench.representation_names import FULL
 from jbench.settings.algorithms import display_name
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st

@@ -24,7 +24,7 @@ from jbench.report.table import Column, Table
 from jbench.report.tables import notes, tables
 from jbench.report.texts import clean
 from jbench.report.verdict_matrices import verdict_matrices
-from jbench.representations import MEANINGS, kind_in
+from jbench.representation_names import MEANINGS, kind_in
 from jbench.wording import counted
 
 _ROWS_BEFORE_FOLD = 2  # of panels of a figure; a click shows the others

@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 
 from jbench.errors import RequestError
 from jbench.names import FIGURE_FORMATS, Order, ReturnsName, is_reference
-from jbench.representations import FULL, NO_ENCODER, kind_in, shown_representation
+from jbench.representation_names import FULL, NO_ENCODER, kind_in, shown_representation
 from jbench.settings.base import Settings
 from jbench.settings.code_words import CODE_WORDS
 from jbench.typed_values import known

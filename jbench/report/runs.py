@@ -12,7 +12,7 @@ from jbench.report.configurations import seed_frame
 from jbench.report.data.build import divergence
 from jbench.report.data.configuration import ID, with_returns
 from jbench.report.data.sources import Source
-from jbench.representations import kind_in, shown_representation
+from jbench.representation_names import kind_in, shown_representation
 from jbench.settings.algorithms import display_name
 from jbench.settings.recorded import flatten, parse_run
 from jbench.settings.run import RunSettings

@@ -9,7 +9,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from jbench import task_specs
 from jbench.errors import RequestError
 from jbench.names import MAX_COUNT, ImportFormat, ReturnsName, TimeLimit
-from jbench.representations import FULL, OFE
+from jbench.representation_names import FULL, OFE
 from jbench.settings.base import (
     Count,
     RecordSettings,
@@ -105,6 +105,11 @@ def requested_ofe(name: str, options: Mapping[str, Any]) -> OFESettings | None:
 
     units = int(match[1].lstrip("0")[:10] or 0)
     return settings_with(OFESettings, name, {**options, "units": units})
+
+
+def dataset_robot(task: str, specs: Specs | None) -> dict[str, Any]:
+    """Returns the fields of `DatasetSettings` that describe the robot of a task."""
+    return {} if specs is None else {"robot": task, "specs": specs}
 
 
 JITTERBUG = "jitterbug"  # robot of a dataset that serves all five tasks

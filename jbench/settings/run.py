@@ -5,7 +5,7 @@ from typing import Any, Self
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from jbench.names import EngineName, Precision
-from jbench.representations import OFE, kind_in
+from jbench.representation_names import OFE, kind_in
 from jbench.settings.algorithms import SETTINGS, Algorithm, Foreign
 from jbench.settings.base import omissible, validated
 from jbench.settings.engines import ENGINES
@@ -184,11 +184,6 @@ class RunSettings(TrainedSettings):
     def episodes_on_each(self) -> int:
         """Number of episodes of each environment with each robot."""
         return self.steps // (self.robots * self.environments * self.episode_steps)
-
-    @property
-    def dataset_robot(self) -> dict[str, Any]:
-        """Fields of `DatasetSettings` that describe the robot of the task."""
-        return {} if self.specs is None else {"robot": self.task, "specs": self.specs}
 
     def robot_seed(self, robot: int) -> int | None:
         """Returns the seed of the augmented robot with this index, at most the last one."""

@@ -64,10 +64,10 @@ def _chosen(ours: int, theirs: int, seed: int | None) -> IntArray:
     Args:
         seed: of a random sample of relabelings; None for all of them.
     """
-    count = ours + theirs
+    seeds = np.arange(ours + theirs, dtype=np.int16)  # small, since all relabelings are kept
     if seed is None:
-        return np.array([*combinations(range(count), ours)])
+        return np.array([*combinations(seeds, ours)])
 
     random = np.random.default_rng(seed)
-    order = random.permuted(np.tile(np.arange(count), (RELABELINGS, 1)), axis=1)
-    return order[:, :ours]
+    order = random.permuted(np.tile(seeds, (RELABELINGS, 1)), axis=1)
+    return order[:, :ours].copy()

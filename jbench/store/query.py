@@ -12,7 +12,7 @@ import pandas as pd
 import pyarrow as pa
 
 from jbench.errors import RequestError
-from jbench.representations import shown_representation
+from jbench.representation_names import shown_representation
 from jbench.store import schema
 from jbench.store.database import Results
 from jbench.store.tables import read_tables

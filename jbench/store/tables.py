@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from jbench.cores import cores
 from jbench.errors import WorkError
-from jbench.representations import FULL
+from jbench.representation_names import FULL
 from jbench.store import schema
 from jbench.store.database import Results
 from jbench.store.kept import with_kept

@@ -7,7 +7,7 @@ from typing import Any
 
 from jbench.errors import RequestError
 from jbench.names import Base
-from jbench.representations import FULL, kind_in, shown_representation
+from jbench.representation_names import FULL, kind_in, shown_representation
 from jbench.settings.algorithms import (
     SETTINGS,
     algorithm_settings,

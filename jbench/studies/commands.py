@@ -5,7 +5,7 @@ import shlex
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from jbench.representations import FULL
+from jbench.representation_names import FULL
 from jbench.settings.defaults import chosen
 from jbench.settings.recorded import Run, read_run
 from jbench.settings.run import RunSettings

@@ -11,7 +11,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, create_model
 
 from jbench.errors import RequestError
 from jbench.names import Base
-from jbench.representations import FULL, OFE
+from jbench.representation_names import FULL, OFE
 from jbench.settings.base import Seed, Settings, typed_default, validated, whole
 from jbench.settings.records import LABEL, DatasetSettings, requested_ofe
 from jbench.settings.run import TYPED, RunSettings

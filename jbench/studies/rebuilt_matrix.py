@@ -8,7 +8,7 @@ from typing import Any
 
 from jbench.settings.base import canonical_json, in_id, task_and_representation
 from jbench.settings.recorded import SEED, Run, alike, read_run
-from jbench.settings.records import DatasetSettings
+from jbench.settings.records import DatasetSettings, dataset_robot
 from jbench.settings.run import TYPED, RunSettings
 from jbench.studies.file import NULL
 from jbench.studies.matrix import OF_EVALUATION
@@ -148,7 +148,7 @@ def _dataset_keys(
 def _usual_dataset(run: RunSettings) -> str | None:
     """Returns the id of the dataset that a matrix makes for a run if it does not say which."""
     try:
-        return DatasetSettings.model_validate(run.dataset_robot).id
+        return DatasetSettings.model_validate(dataset_robot(run.task, run.specs)).id
     except ValueError:  # the usual number of steps is not one of whole episodes of the robot
         return None
 

@@ -6,7 +6,7 @@ from itertools import product
 
 from jbench.errors import RequestError
 from jbench.names import MAX_SEEDS
-from jbench.representations import FULL, features_in, kind_in
+from jbench.representation_names import FULL, features_in, kind_in
 from jbench.settings.base import canonical_json
 from jbench.settings.recorded import SEED, alike, with_implied
 from jbench.statistics.sequential import ERROR_RATE

@@ -14,15 +14,15 @@ from jbench.encoders.representations import named_encoder
 from jbench.encoders.settings import EncoderSettings, encoder_settings
 from jbench.encoders.training import plan_encoder
 from jbench.names import Base
-from jbench.representations import FULL, OFE
+from jbench.representation_names import FULL, OFE
 from jbench.settings.base import validated
-from jbench.settings.records import DatasetSettings
+from jbench.settings.records import DatasetSettings, dataset_robot
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.studies.arms import Arm, arms
 from jbench.studies.file import named
 from jbench.studies.matrix import Matrix, Parts
-from jbench.tasks.find import dataset_robot, find_task
+from jbench.tasks.find import find_task
 from jbench.training.code import plan_runs
 from jbench.training.kept_evaluations import with_kept_evaluations
 from jbench.training.request import make_runs, read_representation
@@ -103,7 +103,8 @@ def _cell(arm: Arm, results: Results, accept_changed: bool) -> Cell:
         fields["encoder"] = name
         fields["representation"] = read_representation(results, name, accept_changed)
     elif name != FULL:
-        robot = dataset_robot(find_task(task))
+        about = find_task(task)
+        robot = dataset_robot(about.name, about.specs)
         dataset = validated(DatasetSettings, "[dataset]", **dict(matrix.dataset), **robot)
         dataset = plan_dataset(dataset, results).settings
         encoder = kept_settings(results, _encoder(matrix, task, name, dataset, results))

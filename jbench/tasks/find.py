@@ -88,11 +88,6 @@ def checked_task(name: str) -> Task:
     return task
 
 
-def dataset_robot(task: Task) -> dict[str, Any]:
-    """Returns the fields of `DatasetSettings` that describe the robot of a task."""
-    return {} if task.specs is None else {"robot": task.name, "specs": task.specs}
-
-
 def check_specs(name: str, recorded: Specs | None, accept_changed: bool = False) -> None:
     """Raises a RequestError if a task has another robot, observation or action than recorded.
 

@@ -61,7 +61,7 @@ class Beginnings:
             encoders: where their encoders are.
             made_on: provenance of the machine, the task and the code.
             recomputed: rows of replay buffers.
-            report: is told where runs resume.
+            report: called for each run that resumes.
         """
         self._results = results
         self._encoders = encoders

@@ -3,13 +3,13 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from jbench import names, representations
+from jbench import names
 from jbench.agents.algorithms import algorithm_fields, hyperparameters
 from jbench.devices import check_precision, find_device
 from jbench.encoders import find_draws, find_encoder, load_encoder
 from jbench.encoders.wrapper import input_mirror
 from jbench.errors import RequestError
-from jbench.representations import OFE
+from jbench.representation_names import NO_ENCODER, OFE
 from jbench.settings.algorithms import Algorithm, default_time_limit
 from jbench.settings.base import task_and_representation, validated
 from jbench.settings.engines import ENGINES
@@ -66,7 +66,7 @@ def request_runs(
         fields["representation"] = ofe.representation
     elif feature_changes:
         raise RequestError("--set ofe.NAME is for --encoder ofeN, such as ofe12; leave it out.")
-    elif encoder not in representations.NO_ENCODER:
+    elif encoder not in NO_ENCODER:
         encoder_id = find_encoder(results, encoder, task, accept_changed)
         fields["encoder"] = encoder_id
         fields["representation"] = read_representation(results, encoder_id, accept_changed)

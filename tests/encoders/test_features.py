@@ -13,7 +13,7 @@ from jbench.encoders.scaling import Scaling
 from jbench.encoders.settings import encoder_settings
 from jbench.encoders.states import States
 from jbench.errors import RequestError
-from jbench.representations import features_in, kind_in
+from jbench.representation_names import features_in, kind_in
 from jbench.store import Results
 from jbench.tasks.jitterbug.features import denormalize
 from tests.encoders.encoder_data import observations_of, train

@@ -15,7 +15,7 @@ from jbench.encoders import find_encoder, load_encoder
 from jbench.encoders.registry import latent_sizes
 from jbench.encoders.saved import DESCRIPTION, WEIGHTS
 from jbench.errors import RequestError, WorkError
-from jbench.representations import ENCODER_KINDS
+from jbench.representation_names import ENCODER_KINDS
 from jbench.store import Results
 from jbench.store.files import sha256
 from tests.encoders.encoder_data import train

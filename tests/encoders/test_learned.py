@@ -22,7 +22,7 @@ from jbench.encoders.pairs import StatePairs
 from jbench.encoders.registry import find_kind
 from jbench.encoders.training import train_encoder
 from jbench.errors import WorkError
-from jbench.representations import ENCODER_KINDS
+from jbench.representation_names import ENCODER_KINDS
 
 SIZE, LATENTS, ROWS = 7, 3, 50
 LEARNED = [

@@ -9,7 +9,7 @@ from jbench.encoders.registry import find_kind, options_with_epochs
 from jbench.encoders.representations import named_encoder
 from jbench.encoders.settings import encoder_settings
 from jbench.errors import RequestError
-from jbench.representations import ENCODER_KINDS, kind_in
+from jbench.representation_names import ENCODER_KINDS, kind_in
 from jbench.store import Results
 from jbench.store.shipped import shipped
 

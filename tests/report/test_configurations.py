@@ -7,7 +7,7 @@ from jbench.report.frames import Frames
 from jbench.report.page import render
 from jbench.report.reading import notes_on
 from jbench.report.report import table_files
-from jbench.representations import shown_representation
+from jbench.representation_names import shown_representation
 from jbench.settings.algorithms import algorithm_settings
 from jbench.store.listing import list_runs
 from jbench.store.tables import read_tables

@@ -7,7 +7,7 @@ from tests.store.store_rows import alter_manifest
 ENCODER = "face_direction/dae12/s00-00000001"
 
 
-def notes_of(fabric, weights):
+def notes_with(fabric, weights):
     """Returns the notes of the configuration of seeds whose runs recorded these weights."""
     for seed, checksum in enumerate(weights):
         record = fabric.run([500.0] * 5, seed, representation="dae12", encoder=ENCODER)
@@ -20,7 +20,7 @@ def notes_of(fabric, weights):
 
 
 def test_seeds_of_two_encoders_of_one_id_are_named(fabric):
-    (note,) = notes_of(fabric, ["a", "b", "a", None, "b"])
+    (note,) = notes_with(fabric, ["a", "b", "a", None, "b"])
     assert note == (
         f"2 encoders of different weights have the id {ENCODER}: that of seed 0, 2 and that of "
         "seed 1, 4"
@@ -28,7 +28,7 @@ def test_seeds_of_two_encoders_of_one_id_are_named(fabric):
 
 
 def test_one_encoder_or_an_unknown_one_needs_no_note(fabric):
-    assert notes_of(fabric, ["a", None, "a", "a"]) == []
+    assert notes_with(fabric, ["a", None, "a", "a"]) == []
 
 
 def test_weights_of_older_or_strange_provenance_are_unknown():

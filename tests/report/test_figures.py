@@ -21,7 +21,7 @@ from jbench.report.frames import Frames
 from jbench.report.request import Request
 from jbench.report.svg import panel_svgs
 from jbench.report.texts import map_texts
-from jbench.representations import ENCODER_KINDS, kind_in
+from jbench.representation_names import ENCODER_KINDS, kind_in
 from jbench.task_specs import SOLVED_RETURN
 
 NAMES = [

@@ -53,12 +53,12 @@ def test_the_page_on_policies_shows_the_shipped_numbers():
     shipped = shipped_untrained().set_index(["task", "policy"])
     page = (ROOT / "docs" / "policies.md").read_text("utf-8")
     for task in TASKS:
-        random = cells_of(shipped.loc[task, RANDOM])
-        by_hand = cells_of(shipped.loc[task, HAND_WRITTEN])
+        random = cells_in(shipped.loc[task, RANDOM])
+        by_hand = cells_in(shipped.loc[task, HAND_WRITTEN])
         assert f"| `{task}` | {' | '.join(random + by_hand)} |" in page
 
 
-def cells_of(row):
+def cells_in(row):
     """Returns the mean with its interval, and the median with the percentiles of episodes."""
     return [
         with_interval(whole, row["mean"], (row["mean_low"], row["mean_high"])),

@@ -7,10 +7,10 @@ from jbench.datasets import collect
 from jbench.policies.evaluate import evaluate
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.base import task_and_representation
-from jbench.settings.records import DatasetSettings, EvaluationSettings
+from jbench.settings.records import DatasetSettings, EvaluationSettings, dataset_robot
 from jbench.settings.run import RunSettings
 from jbench.store import Results
-from jbench.tasks.find import dataset_robot, find_task
+from jbench.tasks.find import find_task
 from jbench.training.batched_run import run_batch
 from jbench.training.repeat import reevaluate, retrain
 from tests.command_line import train
@@ -71,7 +71,8 @@ def test_returns_of_a_policy_and_a_dataset_are_those_of_the_environment(tmp_path
         env.reset(seed=int(random.integers(2**32)))
         made = [env.step(np.array([[2.5]], np.float32))[1] for _ in range(EPISODE)]
         assert recorded == pytest.approx(sum(made), rel=1e-6)
-    record = collect(DatasetSettings(**dataset_robot(task), steps=3 * EPISODE), results, threads=1)
+    robot = dataset_robot(task.name, task.specs)
+    record = collect(DatasetSettings(**robot, steps=3 * EPISODE), results, threads=1)
     assert record.rows("observations") == 3 * (EPISODE + 1)
 
 

@@ -31,7 +31,7 @@ from jbench.report.data.configuration import Configuration, differing_in
 from jbench.report.data.scores import Scores
 from jbench.report.data.untrained import random_return
 from jbench.report.numbers import signed, steps, whole, with_interval
-from jbench.representations import FULL, REPRESENTATION, kind_in
+from jbench.representation_names import FULL, REPRESENTATION, kind_in
 from jbench.settings.algorithms import display_name
 from jbench.settings.recorded import comparable
 from jbench.statistics import FloatArray
@@ -201,13 +201,15 @@ def _without_episodes(finding: Finding, pair: Pair) -> Finding:
     decided = finding.decided
     remark = finding.remark
     value, low, high, _ = pair.agents_difference()
-    p_value = pair.p_value_of_variability()
     reason = ""
     if not {"supported": low > 0, "contradicted": high < 0}.get(decided.verdict, True):
         interval = f"difference {with_interval(signed, value, (low, high))}"
         reason = f"of the agents alone: {interval if np.isfinite(value) else 'unknown'}"
-    elif decided.verdict != "undecided" and p_value > ERROR_RATE:
-        reason = f"not confirmed by a permutation test: p = {p_value:.2g}"
+    elif decided.verdict != "undecided":
+        p_value = pair.p_value_of_variability()
+        if p_value > ERROR_RATE:
+            reason = f"not confirmed by a permutation test: p = {p_value:.2g}"
+
     if reason:
         decided = replace(decided, verdict="undecided")
         remark = "; ".join(filter(None, (reason, remark)))

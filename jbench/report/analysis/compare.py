@@ -12,7 +12,7 @@ from jbench.report.analysis.judging import Comparison, judge
 from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, Range, ranges, strata, together
 from jbench.report.data.configuration import Configuration, Configurations
 from jbench.report.data.source_names import FILE
-from jbench.representations import FULL
+from jbench.representation_names import FULL
 from jbench.settings.recorded import comparable
 from jbench.settings.variants import variant_labels
 from jbench.statistics import bootstrap as st

@@ -24,8 +24,8 @@ SEQUENTIAL = "sequential test"
 PValue = Callable[[float], float]
 """Gives the p-value of a difference after a number is added to the scores of the first side."""
 
-UNDECIDED = "undecided"
-SIMILAR = "similar"
+_UNDECIDED = "undecided"
+_SIMILAR = "similar"
 
 _TOO_FEW = f"fewer than {st.DECIDING_SEEDS} seeds"
 
@@ -36,8 +36,8 @@ _MARKS = {
     "lower": "✗",
     "more variable": "✗",
     "slower": "✗",
-    SIMILAR: "=",
-    UNDECIDED: "?",
+    _SIMILAR: "=",
+    _UNDECIDED: "?",
 }
 """A check mark speaks for the first of two configurations."""
 
@@ -111,9 +111,9 @@ class Comparison:
         low, high = self.interval(confidence)
         level = 1 - confidence
         if self.quantity is FINAL_RETURN and low > -self.margin and high < self.margin:
-            return SIMILAR if self._p_of_similarity() <= level else UNDECIDED
+            return _SIMILAR if self._p_of_similarity() <= level else _UNDECIDED
         if low <= 0 <= high or np.isnan(low) or self.p_value(0.0) > level:
-            return UNDECIDED
+            return _UNDECIDED
         return self.quantity.larger if low > 0 else self.quantity.smaller
 
     def _p_of_similarity(self) -> float:
@@ -127,7 +127,7 @@ class Comparison:
     def _text(self, word: str, low: float, high: float, by: str) -> str:
         """Returns a verdict in words, with the difference that it rests on."""
         text = self._number(low, high, by)
-        if word == UNDECIDED and by not in (SEQUENTIAL, _TOO_FEW) and (low > 0 or high < 0):
+        if word == _UNDECIDED and by not in (SEQUENTIAL, _TOO_FEW) and (low > 0 or high < 0):
             return f"{word}: {text}; p = {self.p_value(0.0):.2g}, too large for a verdict"
         if self.quantity is not FINAL_RETURN or word not in FINAL_RETURN.directions:
             return f"{word}: {text}"
@@ -174,4 +174,4 @@ def judge(family: Sequence[Comparison]) -> None:
         if comparison.decidable:
             comparison.conclude(comparison.word(1 - level), low, high, by)
         else:
-            comparison.conclude(UNDECIDED, low, high, _TOO_FEW)
+            comparison.conclude(_UNDECIDED, low, high, _TOO_FEW)

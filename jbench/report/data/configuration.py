@@ -15,7 +15,7 @@ from jbench.report.data.points import Points
 from jbench.report.data.scores import Scores
 from jbench.report.data.source_names import FILE, OWN, has_solved_return
 from jbench.report.request import WINDOW
-from jbench.representations import FULL, kind_in, shown_representation
+from jbench.representation_names import FULL, kind_in, shown_representation
 from jbench.returns import EVALUATION
 from jbench.settings.algorithms import ALGORITHMS, display_name
 from jbench.settings.recorded import comparable

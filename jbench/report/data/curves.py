@@ -10,7 +10,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from jbench.names import Order, ReturnsName
 from jbench.report.data.source_names import PUBLISHED
-from jbench.representations import FULL, shown_representation
+from jbench.representation_names import FULL, shown_representation
 from jbench.returns import averaged_points, mean_over_run
 from jbench.statistics import FloatArray, IntArray
 from jbench.task_specs import episode_steps

@@ -16,9 +16,9 @@ from jbench.encoders.settings import encoder_settings
 from jbench.encoders.states import States
 from jbench.encoders.training import train_encoder
 from jbench.errors import RequestError
-from jbench.settings.records import DatasetSettings
+from jbench.settings.records import DatasetSettings, dataset_robot
 from jbench.store import Results
-from jbench.tasks.find import dataset_robot, find_task
+from jbench.tasks.find import find_task
 from tests.gym_tasks import EPISODE
 
 LEAVES = "tests.gym_tasks:leaves"
@@ -26,7 +26,8 @@ STEPS = 20 * EPISODE
 
 
 def collected(path, steps=STEPS):
-    settings = DatasetSettings(**dataset_robot(find_task(LEAVES)), steps=steps)
+    task = find_task(LEAVES)
+    settings = DatasetSettings(**dataset_robot(task.name, task.specs), steps=steps)
     return Dataset(collect(settings, Results(path), threads=1))
 
 
@@ -135,7 +136,7 @@ def test_pairs_of_states_are_within_an_episode(dataset):
 
 def test_kind_that_looks_beyond_every_episode_is_refused(tmp_path):
     results, task = Results(tmp_path), find_task("tests.gym_tasks:falls")
-    settings = DatasetSettings(**dataset_robot(task), steps=STEPS)
+    settings = DatasetSettings(**dataset_robot(task.name, task.specs), steps=STEPS)
     dataset = Dataset(collect(settings, results, threads=1))
     options = {"horizon": 10, "epochs": 1}  # an episode has 7 control steps, of 20 at most
     encoder = encoder_settings(

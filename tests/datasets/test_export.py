@@ -16,9 +16,9 @@ from jbench.datasets.observations import SEEDS
 from jbench.errors import RequestError, WorkError
 from jbench.names import TASKS
 from jbench.registration import environment_id
-from jbench.settings.records import DatasetSettings
+from jbench.settings.records import DatasetSettings, dataset_robot
 from jbench.store import Results
-from jbench.tasks.find import dataset_robot, find_task
+from jbench.tasks.find import find_task
 from tests.command_line import Process
 
 
@@ -79,7 +79,9 @@ def test_recovered_environment_has_augmented_robot(tmp_path, root):
 
 def test_dataset_of_another_robot_is_exported_with_its_own_task(tmp_path, root, refused, capsys):
     task, results = "dmc:cheetah-run", Results(tmp_path / "results")
-    record = collect(DatasetSettings(steps=2000, **dataset_robot(find_task(task))), results, 1)
+    about = find_task(task)
+    robot = dataset_robot(about.name, about.specs)
+    record = collect(DatasetSettings(steps=2000, **robot), results, 1)
     typed = ("export", "--dataset", record.id, "--out", root)
     error = refused(*typed, "--task", "face_direction", results=results.path)
     assert f"The dataset {record.id} is of {task}, not of face_direction" in error

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from jbench.errors import RequestError
-from jbench.settings.records import DatasetSettings
-from jbench.tasks.find import checked_task, code_provenance, dataset_robot, find_task
+from jbench.settings.records import DatasetSettings, dataset_robot
+from jbench.tasks.find import checked_task, code_provenance, find_task
 from jbench.tasks.gym_registry import find_environment
 from jbench.tasks.task import DOES_NOT_REPEAT
 
@@ -185,7 +185,8 @@ def test_what_settings_record_of_an_environment():
         "episode_steps": 200,
         "unit_rewards": False,
     }
-    other = DatasetSettings(**dataset_robot(find_task("gym:Pendulum-v1,g=9.0")), steps=400)
+    weaker = find_task("gym:Pendulum-v1,g=9.0")
+    other = DatasetSettings(**dataset_robot(weaker.name, weaker.specs), steps=400)
     assert other.id.startswith("gym.Pendulum-v1.g.9.0/random/s00-")
 
 
@@ -231,8 +232,9 @@ def test_code_of_a_registered_environment_of_ones_own_is_recorded(tmp_path, monk
     made = code_provenance(names[0])
     assert list(made["task_sources"]) == ["labone.py"]
     assert "task_package" not in made
-    assert dataset_robot(first)["robot"] == names[0]
-    assert DatasetSettings(**dataset_robot(first), steps=40).id.startswith("gym.labone.Labone-v0/")
+    robot = dataset_robot(first.name, first.specs)
+    assert robot["robot"] == names[0]
+    assert DatasetSettings(**robot, steps=40).id.startswith("gym.labone.Labone-v0/")
 
 
 def test_package_of_a_registered_environment_is_recorded():

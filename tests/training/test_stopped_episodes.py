@@ -11,10 +11,10 @@ from jbench.datasets import Dataset, collect
 from jbench.errors import WorkError
 from jbench.policies.evaluate import evaluate
 from jbench.settings.algorithms import algorithm_settings
-from jbench.settings.records import DatasetSettings, EvaluationSettings
+from jbench.settings.records import DatasetSettings, EvaluationSettings, dataset_robot
 from jbench.settings.run import RunSettings
 from jbench.store import Results
-from jbench.tasks.find import dataset_robot, find_task
+from jbench.tasks.find import find_task
 from jbench.tasks.task import episode_generator
 from jbench.tasks.worlds import EpisodeError
 from jbench.training.batched_run import run_batch
@@ -95,7 +95,7 @@ def test_finished_episodes_of_an_evaluation_are_kept(tmp_path):
 
 def test_episodes_of_a_dataset_before_the_broken_one_are_kept(tmp_path):
     task = find_task(FRAGILE)
-    settings = DatasetSettings(**dataset_robot(task), steps=40 * EPISODE)
+    settings = DatasetSettings(**dataset_robot(task.name, task.specs), steps=40 * EPISODE)
     results = Results(tmp_path)
     seeds = [int(episode_generator(0, episode).integers(2**32)) for episode in range(40)]
     before = len([*itertools.takewhile(lambda seed: not is_broken(seed), seeds)])

@@ -16,6 +16,7 @@ import numpy as np
 
 from jbench.statistics import sequential
 from jbench.statistics.step_down import step_down
+from jbench.statistics.verdicts import ERROR_RATE, Verdict
 from jbench.studies.deciding import MARGIN
 
 SHIFTS = (0.0, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0)  # standard deviations
@@ -39,8 +40,8 @@ def simulate(
     """
     random = np.random.default_rng(0)
     analyses = arguments.max_seeds // sequential.BLOCK
-    rate = sequential.ERROR_RATE / comparisons
-    names: list[sequential.Verdict] = ["larger", "smaller", "equal"]
+    rate = ERROR_RATE / comparisons
+    names: list[Verdict] = ["larger", "smaller", "equal"]
     decided = []
     for _ in range(0, arguments.repetitions, AT_A_TIME):
         ours, theirs = random.normal(0, spread, (2, AT_A_TIME, arguments.max_seeds))
@@ -82,19 +83,19 @@ def simulate_family(
     ours = random.normal(size=(count, *theirs.shape)) + true[:, None, None]
     at: dict[tuple[str, int], np.ndarray] = {}
     for parts in range(count + 1, 2 * count + 1):
-        rate = 2 * sequential.ERROR_RATE / parts
+        rate = 2 * ERROR_RATE / parts
         for name in ("larger", "smaller"):
             first = [
                 sequential.decided_at(name, one, theirs, 0, rate, analyses, relabelings=relabelings)
                 for one in ours
             ]
             at[name, parts] = np.stack(first)
-    shares = [sequential.ERROR_RATE / count] * count
+    shares = [ERROR_RATE / count] * count
     signs = {"Bonferroni": [], "step-down": []}
     for r in range(repetitions):
 
-        def reached(i: int, verdict: sequential.Verdict, rate: float, r: int = r) -> int:
-            parts = round(2 * sequential.ERROR_RATE / rate)
+        def reached(i: int, verdict: Verdict, rate: float, r: int = r) -> int:
+            parts = round(2 * ERROR_RATE / rate)
             return 0 if verdict == "equal" else int(at[verdict, parts][i, r])
 
         steps = step_down(reached, shares, analyses)

@@ -7,14 +7,16 @@ normal, or one in seven fails. An evaluation has ten episodes.
 """
 
 import argparse
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from jbench.statistics import FloatArray
+from jbench.statistics import BoolArray
 from jbench.statistics import bootstrap as st
 from jbench.statistics.agents import Agents, difference
 from jbench.statistics.permutation import p_value
-from jbench.statistics.sequential import ERROR_RATE
+from jbench.statistics.verdicts import ERROR_RATE, Evidence
 
 COMPARISONS = 38
 LEVEL = ERROR_RATE / COMPARISONS
@@ -40,26 +42,26 @@ def agents(seeds: int, failures: float, random: np.random.Generator) -> Agents:
     )
 
 
-def verdicts(ours: Agents, theirs: Agents) -> FloatArray:
+def verdicts(ours: Agents, theirs: Agents) -> BoolArray:
     """Returns whether there is a verdict on two configurations.
 
     Returns (2, 2): on final returns and on variability, by the interval alone and confirmed.
     """
+    seeds = len(ours.means)
     sample = st.samples([st.difference(st.interquartile_mean)], [ours.means], [theirs.means])[0]
-    low, high = sample.interval(1 - LEVEL)
-    on_returns = not low <= 0 <= high
+    of_returns = Evidence(sample.estimate, lambda _: p_value([ours.means], [theirs.means]), seeds)
 
-    spread = difference(ours, theirs, 1 - LEVEL)
-    on_variability = not spread.low <= 0 <= spread.high
-    deviations = [np.abs(side.means - np.median(side.means)) for side in (ours, theirs)]
-
-    return np.array(
-        [
-            [on_returns, on_returns and p_value([ours.means], [theirs.means]) <= LEVEL],
-            [on_variability, on_variability and p_value(deviations[:1], deviations[1:]) <= LEVEL],
-        ],
-        float,
+    first, other = (np.abs(side.means - np.median(side.means)) for side in (ours, theirs))
+    of_variability = Evidence(
+        partial(difference, ours, theirs), lambda _: p_value([first], [other]), seeds
     )
+
+    found = []
+    for evidence in (of_returns, of_variability):
+        interval_alone = replace(evidence, p_value=lambda _: 0.0)
+        found.append([interval_alone.verdict(LEVEL), evidence.verdict(LEVEL)])
+
+    return np.array(found) != "undecided"
 
 
 def main() -> None:

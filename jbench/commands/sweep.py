@@ -88,9 +88,9 @@ def sweep(
     A matrix has tasks, algorithms, representations and seeds.
     """
     from jbench.commands import training
-    from jbench.commands.deciding import decide, seeds_to_compare
     from jbench.commands.run_checks import check_runs
     from jbench.commands.sweep_status import show_cells
+    from jbench.commands.until_decided import add_seeds_until_decided, seeds_to_compare
     from jbench.sweeps.cell import all_runs, matrix_cells
     from jbench.sweeps.cluster import Ray
     from jbench.sweeps.executors import Local, default_jobs
@@ -124,7 +124,9 @@ def sweep(
     if until_decided:
         more = None if dry_run else train
         asked = comparisons or []
-        document, count = decide(matrix, parts, cells, asked, database, limit, more)
+        document, count = add_seeds_until_decided(
+            matrix, parts, cells, asked, database, limit, more
+        )
     else:
         failures = {} if dry_run else train(cells)
         count = len(all_runs(cells))

@@ -1,7 +1,7 @@
 """Tables of what was compared: verdicts, planned decisions, two sides or methods, and claims."""
 
 from jbench.report.analysis.claim_frame import paper_claims
-from jbench.report.analysis.findings import SIMILAR
+from jbench.report.analysis.findings import SIMILAR_RETURN
 from jbench.report.frames import Frames
 from jbench.report.numbers import ratio, signed, steps
 from jbench.report.table import (
@@ -17,7 +17,7 @@ from jbench.report.table import (
     number,
     plain,
 )
-from jbench.statistics.bootstrap import DECIDING_SEEDS
+from jbench.statistics.verdicts import DECIDING_SEEDS
 from jbench.studies.deciding import MARGIN, margin
 from jbench.studies.quantities import QUANTITIES
 
@@ -119,6 +119,6 @@ def claims_table(frames: Frames) -> Table:
     ]
     claims = paper_claims().itertuples()
     tests = " ".join(f"({letter}) {text} {test}" for letter, text, test in claims)
-    caption = f"{tests} In brackets: 95% interval, 90% for ({SIMILAR})."
+    caption = f"{tests} In brackets: 95% interval, 90% for ({SIMILAR_RETURN})."
     spare = ("remark", "by episodes alone", "seeds that would decide")
     return Table("claims", "The paper's claims", caption, frames.claims, columns, spare)

@@ -8,7 +8,7 @@ import pandas as pd
 from jbench.report.data.source_names import FILE
 from jbench.report.numbers import steps, whole
 from jbench.representation_names import FULL
-from jbench.statistics.bootstrap import DECIDING_SEEDS
+from jbench.statistics.verdicts import DECIDING_SEEDS
 from jbench.studies.quantities import FINAL_RETURN, SPEED
 from jbench.wording import in_prose
 

@@ -19,6 +19,7 @@ from jbench.representation_names import FULL
 from jbench.settings.algorithms import display_name
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
+from jbench.statistics.verdicts import DECIDING_SEEDS
 from jbench.store import Results
 from jbench.store.tables import published_rows
 
@@ -145,7 +146,7 @@ def _published(published: pd.DataFrame, tasks: Collection[str], algo: str | None
 
 def _ranked(entries: pd.DataFrame) -> pd.DataFrame:
     """Returns entries, best first, with their ranks; see `leaderboard`."""
-    decided = (entries["n"] >= st.DECIDING_SEEDS) & (entries["low"] <= entries["high"])
+    decided = (entries["n"] >= DECIDING_SEEDS) & (entries["low"] <= entries["high"])
     ranks: dict[Hashable, int] = {}
     low = np.inf
     rank = 0

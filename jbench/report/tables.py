@@ -30,7 +30,7 @@ from jbench.report.table import (
     plain,
 )
 from jbench.returns import TRAINING
-from jbench.statistics.bootstrap import DECIDING_SEEDS
+from jbench.statistics.verdicts import DECIDING_SEEDS
 from jbench.task_specs import SOLVED_RETURN
 from jbench.wording import in_prose
 

@@ -12,7 +12,7 @@ from jbench.report.data.source_names import OWN
 from jbench.report.frames import Frames
 from jbench.report.numbers import signed, texts
 from jbench.report.once import once
-from jbench.statistics.bootstrap import DECIDING_SEEDS
+from jbench.statistics.verdicts import DECIDING_SEEDS
 from jbench.studies.deciding import margin
 from jbench.studies.quantities import FINAL_RETURN, QUANTITIES
 

@@ -22,9 +22,6 @@ Statistic = Callable[..., FloatArray]
 RESAMPLES = 10_000
 MIN_SEEDS = 3
 """Minimum number of seeds per stratum for an interval, and for a band around a curve."""
-DECIDING_SEEDS = 6
-"""Minimum number of seeds for a verdict: the range of n seeds contains the population median with
-probability 1 - 2^(1 - n), 94% for five, 97% for six."""
 
 
 class Estimate(NamedTuple):
@@ -166,10 +163,6 @@ class Resampled(NamedTuple):
         low = np.quantile(np.where(has_none, -np.inf, drawn), tail, method="higher")
         high = np.quantile(np.where(has_none, np.inf, drawn), 1 - tail, method="higher")
         return Estimate(self.value, float(low), float(high))
-
-    def interval(self, confidence: float) -> tuple[float, float]:
-        """Returns the ends of the interval of percentiles."""
-        return self.estimate(confidence)[1:3]
 
 
 def samples(

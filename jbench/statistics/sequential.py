@@ -20,17 +20,14 @@ divides the error rate of several comparisons.
 import itertools
 from collections.abc import Callable
 from functools import lru_cache, partial
-from typing import Literal
 
 import numpy as np
 
 from jbench.statistics import BoolArray, FloatArray, IntArray
+from jbench.statistics.verdicts import Verdict
 
 BLOCK = 5
 """Seeds of each configuration between two interim analyses."""
-
-ERROR_RATE = 0.05
-"""Probability of any wrong decision, over all analyses and all comparisons together."""
 
 _ROUNDING = 1e-9
 """Differences of means that count as equal, relative to the largest number of a seed."""
@@ -39,8 +36,6 @@ RELABELINGS = 63_504
 """Relabelings of a test: all of two blocks of 5 + 5 seeds; with more blocks, a random sample."""
 
 _BISECTIONS = 16  # per end of an interval: precision of 1e-4 of the range of the seeds
-
-Verdict = Literal["larger", "smaller", "equal", "undecided"]
 
 
 def decided_at(

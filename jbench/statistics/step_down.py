@@ -16,7 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from jbench.statistics import FloatArray
-from jbench.statistics.sequential import BLOCK, ERROR_RATE, Verdict, decided_at, interval
+from jbench.statistics.sequential import BLOCK, decided_at, interval
+from jbench.statistics.verdicts import Verdict
 
 
 class Decision(NamedTuple):
@@ -38,12 +39,6 @@ class Stop(NamedTuple):
     analysis: int
     rate: float
 
-
-Interval = Callable[[float], tuple[float, float]]
-"""Gives the ends of a number's interval at a confidence."""
-
-HasDirection = Callable[[float], bool]
-"""Tells whether the interval at a confidence decides which side of a comparison is larger."""
 
 Reached = Callable[[int, Verdict, float], int]
 """Interim analysis at which a comparison (its index) has a verdict at a two-sided rate; else 0."""
@@ -109,7 +104,7 @@ def _parts(stops: Sequence[Stop | None], shares: Sequence[float]) -> list[int]:
     return [math.ceil(left / share - 1e-6) for share in shares]
 
 
-def decide(
+def sequential_decisions(
     pairs: Sequence[tuple[FloatArray, FloatArray]],
     shares: Sequence[float],
     analyses: Sequence[int],
@@ -128,8 +123,9 @@ def decide(
     complete = []
     cut = []
     for (ours, theirs), most in zip(pairs, analyses, strict=True):
-        complete.append(min(len(ours) // BLOCK, len(theirs) // BLOCK, most))
-        cut.append((ours[: complete[-1] * BLOCK], theirs[: complete[-1] * BLOCK]))
+        blocks = min(len(ours) // BLOCK, len(theirs) // BLOCK, most)
+        complete.append(blocks)
+        cut.append((ours[: blocks * BLOCK], theirs[: blocks * BLOCK]))
 
     @cache
     def reached(i: int, verdict: Verdict, rate: float) -> int:
@@ -139,28 +135,24 @@ def decide(
     decisions = []
     for i, parts in enumerate(_parts(stops, shares)):
         never = Stop("undecided", complete[i], 2 * sum(shares) / parts)
-        verdict, analysis, rate = stops[i] or never
-        seeds = analysis * BLOCK
-        ours, theirs = (side[:seeds] for side in cut[i])
-        low, high = -np.inf, np.inf
-        if analysis:
-            low, high = interval(ours, theirs, rate, analyses[i], margins[i])
-        difference = float(ours.mean() - theirs.mean()) if analysis else np.nan
-        spent = rate * analysis / analyses[i]
-        decisions.append(Decision(verdict, seeds, difference, low, high, rate, spent))
+        decisions.append(_decision(stops[i] or never, *cut[i], analyses[i], margins[i]))
 
     return decisions
 
 
-def corrected_level(family: Sequence[HasDirection]) -> float:
-    """Returns the error rate of an interval in the last step of Holm's procedure.
+def _decision(
+    stop: Stop, ours: FloatArray, theirs: FloatArray, analyses: int, margin: float
+) -> Decision:
+    """Returns a stop with the difference and its interval at that interim analysis."""
+    seeds = stop.analysis * BLOCK
+    difference = np.nan
+    low = -np.inf
+    high = np.inf
+    if stop.analysis:
+        first = ours[:seeds]
+        second = theirs[:seeds]
+        difference = float(first.mean() - second.mean())
+        low, high = interval(first, second, stop.rate, analyses, margin)
 
-    As in `step_down`, a comparison that is equal within the margin keeps its share: there may be no
-    difference, which an interval at a larger rate could then exclude.
-    """
-    level = 1.0
-    left = len(family)
-    while left and (level == 1 or ERROR_RATE / left > level):
-        level = ERROR_RATE / left
-        left = sum(not has_direction(1 - level) for has_direction in family)
-    return min(level, ERROR_RATE)
+    spent = stop.rate * stop.analysis / analyses
+    return Decision(stop.verdict, seeds, difference, low, high, stop.rate, spent)

@@ -5,15 +5,17 @@ no other state is stored, and whoever reads the same runs reaches the same decis
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Protocol
 
 import numpy as np
 
-from jbench.statistics import FloatArray, step_down
-from jbench.statistics.sequential import BLOCK, Verdict
-from jbench.statistics.step_down import Decision
-from jbench.studies.arms import Arm
-from jbench.studies.quantities import QUANTITIES
+from jbench.names import ReturnsName
+from jbench.returns import final_return, mean_over_run
+from jbench.statistics import FloatArray
+from jbench.statistics.sequential import BLOCK
+from jbench.statistics.step_down import Decision, sequential_decisions
+from jbench.studies.entries import Claim
+from jbench.studies.quantities import SPEED
+from jbench.studies.study import PlannedComparison
 from jbench.task_specs import return_range
 
 MARGIN = 50.0
@@ -24,29 +26,24 @@ Returns = Mapping[int, float | None]
 """Returns of finished runs by seed; None if a run has no finite return."""
 
 
-class Compared(Protocol):
-    """What a decision needs to know about a comparison."""
-
-    @property
-    def first(self) -> Arm:
-        """One of its sides; both are of one task."""
-
-    @property
-    def share(self) -> float:
-        """The share of the error rate, before other comparisons pass theirs on."""
-
-    @property
-    def max_seeds(self) -> int:
-        """Most seeds of each side, a multiple of the block size."""
-
-
 def margin(task: str) -> float:
     """Returns the `MARGIN` on a task; 0, by which nothing is similar, if its range is unknown."""
     return 0.0 if return_range(task) is None else MARGIN
 
 
+def compared_return(points: FloatArray, kind: ReturnsName, claim: Claim) -> float | None:
+    """Returns the number of a run that a claim compares; None if none of its points is finite.
+
+    Args:
+        points: (points,) returns of the run's training episodes, or means of its evaluations.
+        kind: which of these they are.
+        claim: on the final return, or on speed.
+    """
+    return mean_over_run(points) if claim == SPEED.claim else final_return(points, kind)
+
+
 def decide(
-    comparisons: Sequence[Compared], returns: Sequence[tuple[Returns, Returns]]
+    comparisons: Sequence[PlannedComparison], returns: Sequence[tuple[Returns, Returns]]
 ) -> list[Decision]:
     """Decides comparisons together, each by the seeds 0, 1, … that both sides have.
 
@@ -64,7 +61,7 @@ def decide(
     shares = [comparison.share for comparison in comparisons]
     analyses = [comparison.max_seeds // BLOCK for comparison in comparisons]
     margins = [margin(comparison.first.task) for comparison in comparisons]
-    return step_down.decide(pairs, shares, analyses, margins)
+    return sequential_decisions(pairs, shares, analyses, margins)
 
 
 def _first_seeds(returns: Returns, most: int) -> FloatArray:
@@ -73,15 +70,3 @@ def _first_seeds(returns: Returns, most: int) -> FloatArray:
     while len(first) < most and (value := returns.get(len(first))) is not None:
         first.append(value)
     return np.array(first)
-
-
-def decided_word(verdict: Verdict, claim: str) -> str:
-    """Returns the word for a verdict on the quantity of a claim; see `QUANTITIES`."""
-    quantity = QUANTITIES[claim]
-    words: dict[Verdict, str] = {
-        "larger": quantity.larger,
-        "smaller": quantity.smaller,
-        "equal": "similar",
-        "undecided": "undecided",
-    }
-    return words[verdict]

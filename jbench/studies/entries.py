@@ -7,7 +7,8 @@ from pydantic import BeforeValidator, Field
 from jbench.errors import RequestError
 from jbench.names import Base
 from jbench.settings.base import Count, Seed, Settings, validated, whole
-from jbench.statistics.sequential import BLOCK, ERROR_RATE
+from jbench.statistics.sequential import BLOCK
+from jbench.statistics.verdicts import ERROR_RATE
 from jbench.studies.file import named, read_file, tables
 from jbench.studies.matrix import COMPARISON, encoder_seed
 

@@ -6,6 +6,11 @@ frames and JSON call it.
 
 from dataclasses import dataclass
 
+from jbench.statistics.verdicts import Verdict
+
+SIMILAR = "similar"
+UNDECIDED = "undecided"
+
 
 @dataclass(frozen=True)
 class Quantity:
@@ -29,6 +34,16 @@ class Quantity:
     def directions(self) -> tuple[str, str]:
         """The verdicts that say which of two numbers is larger."""
         return self.larger, self.smaller
+
+    def word(self, verdict: Verdict) -> str:
+        """Returns the word for a verdict on the first configuration."""
+        words: dict[Verdict, str] = {
+            "larger": self.larger,
+            "smaller": self.smaller,
+            "equal": SIMILAR,
+            "undecided": UNDECIDED,
+        }
+        return words[verdict]
 
 
 FINAL_RETURN = Quantity("a", "final return", "", "higher", "lower")

@@ -9,7 +9,7 @@ from jbench.names import MAX_SEEDS
 from jbench.representation_names import FULL, features_in, kind_in
 from jbench.settings.base import canonical_json
 from jbench.settings.recorded import SEED, alike, with_implied
-from jbench.statistics.sequential import ERROR_RATE
+from jbench.statistics.verdicts import ERROR_RATE
 from jbench.studies.arms import Arm, arms, short_name
 from jbench.studies.entries import Claim, Entry, Side
 from jbench.studies.file import named

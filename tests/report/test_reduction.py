@@ -13,7 +13,7 @@ from jbench.report.encoders import prediction_frame, return_frame
 from jbench.report.frames import Frames
 from jbench.settings.algorithms import algorithm_settings
 from jbench.statistics.bootstrap import Estimate
-from jbench.statistics.step_down import corrected_level
+from jbench.statistics.verdicts import Evidence
 from jbench.studies.quantities import FINAL_RETURN
 
 CLOSE = np.linspace(-10, 10, 8)
@@ -117,43 +117,27 @@ def test_every_verdict_is_corrected_for_the_others(fabric):
         assert row["corrected_low"] <= row["low"] <= row["high"] <= row["corrected_high"]
 
 
-def test_error_rate_is_divided_by_the_comparisons_that_are_left():
-    # Comparisons that are decided at two-sided rates above 0.001, 0.02, 0.024 and never.
-    def decides(rate):
-        return lambda confidence: 1 - confidence >= rate
-
-    family = [decides(rate) for rate in (0.001, 0.02, 0.024, 1)]
-    # 0.05 / 4 decides the first, 0.05 / 3 none of the others.
-    assert corrected_level(family) == pytest.approx(0.05 / 3)
-    # 0.05 / 3 decides two of three, and 0.05 the last one.
-    family = [decides(rate) for rate in (0.001, 0.016, 0.04)]
-    assert corrected_level(family) == pytest.approx(0.05)
-    assert corrected_level([]) == 0.05
-
-
 def test_similar_comparison_passes_nothing_on():
     # Differences with a standard error of 10 are normal: similar within 30 at any rate, and one
     # with a p-value of 0.03, which is undecided as one of two comparisons.
     def compared(value):
-        def interval(confidence):
+        def estimate(confidence):
             half = 10 * scipy.stats.norm.ppf((1 + confidence) / 2)
-            return value - half, value + half
+            return Estimate(value, value - half, value + half)
 
         def p_value(shift):
             return 2 * scipy.stats.norm.sf(abs(value + shift) / 10)
 
-        estimate = Estimate(value, *interval(0.95))
-        return Comparison(FINAL_RETURN, {}, estimate, interval, p_value, decidable=True, margin=30)
+        return Comparison(FINAL_RETURN, {}, Evidence(estimate, p_value, seeds=6, margin=30))
 
     value = 10 * scipy.stats.norm.isf(0.03 / 2)
     family = [compared(0.0), compared(60 + value), compared(value)]
-    judge(family[:1] + family[2:])
-    words = [family[place].judgment.word for place in (0, 2)]
+    words = [judgment.word for judgment in judge(family[:1] + family[2:])]
     assert words == ["similar", "undecided"]
     # A third comparison with a direction passes its share on: 0.05 / 2 again.
-    judge(family)
-    assert [one.judgment.word for one in family] == ["similar", "higher", "undecided"]
-    assert family[2].judgment.low == pytest.approx(value - 10 * scipy.stats.norm.isf(0.0125))
+    judgments = judge(family)
+    assert [judgment.word for judgment in judgments] == ["similar", "higher", "undecided"]
+    assert judgments[2].low == pytest.approx(value - 10 * scipy.stats.norm.isf(0.0125))
 
 
 def test_permutation_test_confirms_a_verdict(fabric):

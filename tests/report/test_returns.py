@@ -11,7 +11,7 @@ from jbench.report.request import Request
 from jbench.returns import EVALUATION, TRAINING
 from jbench.store.evaluations import added_returns
 from jbench.store.listing import list_runs
-from jbench.sweeps.deciding import compared_return
+from jbench.sweeps.outcomes import recorded_return
 
 FLAT = np.full(40, 500.0)
 RISING = {10_000: 100.0, 20_000: 300.0, 30_000: 600.0, 40_000: 950.0}
@@ -81,7 +81,7 @@ def last_returns(fabric, record):
     side = sources.side("algo=td3", fabric.results, Request())
     (cell,) = (cell for cell in side.configurations if cell.returns_name == EVALUATION)
     (beside,) = seed_scores(cell).final
-    compared = compared_return(record, added=added.get(record.id, ()))
+    compared = recorded_return(record, added=added.get(record.id, ()))
     return [opened, reported, beside, line.evaluation_return, compared]
 
 

@@ -5,13 +5,13 @@ import pytest
 from scipy import stats
 
 from jbench.statistics.sequential import decided_at, first_above, interval
-from jbench.statistics.step_down import decide
+from jbench.statistics.step_down import sequential_decisions
 
 ANALYSES = 6  # at 5, 10 ... 30 seeds
 
 
 def compare(ours, theirs, margin, rate, analyses):
-    (decision,) = decide([(ours, theirs)], [rate], [analyses], [margin])
+    (decision,) = sequential_decisions([(ours, theirs)], [rate], [analyses], [margin])
     return decision
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jbench.statistics.sequential import first_above
-from jbench.statistics.step_down import decide, step_down
+from jbench.statistics.step_down import sequential_decisions, step_down
 
 
 def stepping(needed, verdict="larger"):
@@ -66,8 +66,8 @@ def test_decisions_of_bonferroni_remain_and_others_are_added():
     theirs = random.normal(0, 100, 10)
     pairs = [(random.normal(shift, 100, 10), theirs) for shift in (400, 106, 0)]
     shares = [0.05 / 3] * 3
-    together = decide(pairs, shares, [2] * 3, [0] * 3)
-    alone = [decide([pair], shares[:1], [2], [0])[0] for pair in pairs]
+    together = sequential_decisions(pairs, shares, [2] * 3, [0] * 3)
+    alone = [sequential_decisions([pair], shares[:1], [2], [0])[0] for pair in pairs]
     assert [decision.verdict for decision in alone] == ["larger", "undecided", "undecided"]
     assert [decision.verdict for decision in together] == ["larger", "larger", "undecided"]
     # One, then two of six one-sided hypotheses are rejected.

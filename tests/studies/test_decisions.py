@@ -13,8 +13,8 @@ from jbench.studies.deciding import decide
 from jbench.studies.entries import read_entries
 from jbench.studies.matrix import read_matrix
 from jbench.studies.study import planned
-from jbench.sweeps import deciding
 from jbench.sweeps.cell import matrix_cells
+from jbench.sweeps.outcomes import next_cells, outcomes
 from tests.report.conftest import FabricatedResults, evaluations
 from tests.report.conftest import episodes as training_episodes
 
@@ -58,7 +58,7 @@ def decided(tmp_path):
         for cell in cells:
             for run in cell.runs:
                 fill(fabric.results, run, cell.representation == "planar")
-        (outcome,) = deciding.outcomes(comparisons, cells, fabric.results)
+        (outcome,) = outcomes(comparisons, cells, fabric.results)
         configurations = [c for kind in ("training", "evaluation") for c in _all(fabric, kind)]
         rows = decision_frame(planned_comparisons(configurations, {"study": comparisons}))
         return outcome, rows.to_dict("records")
@@ -187,7 +187,7 @@ def test_returns_that_are_not_finite_are_left_out_and_a_run_without_others_stops
     outcome, (row,) = decided(claim, fill)
     assert outcome.decision.seeds == row["seeds"] == 5
     assert "planar12/s07" in outcome.unknown
-    assert deciding.next_cells([outcome], ()) == []
+    assert next_cells([outcome], ()) == []
 
 
 def test_first_seeds_end_at_the_first_gap():

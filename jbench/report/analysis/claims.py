@@ -18,7 +18,7 @@ from jbench.report.analysis.findings import (
     GAINS_MORE,
     OFF_POLICY_HIGHER,
     OFF_POLICY_VARIES_MORE,
-    SIMILAR,
+    SIMILAR_RETURN,
     SOLVED,
     VARIES_LESS,
     Decided,
@@ -36,7 +36,7 @@ from jbench.settings.algorithms import display_name
 from jbench.settings.recorded import comparable
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
-from jbench.statistics.sequential import ERROR_RATE
+from jbench.statistics.verdicts import ERROR_RATE
 from jbench.studies.deciding import MARGIN, margin
 from jbench.studies.study import RAW
 
@@ -64,7 +64,7 @@ class _PairTest:
 _RATIO_OF_DEVIATIONS = _PairTest(st.ratio(st.standard_deviation), "final", is_ratio=True)
 
 _PAIR_TESTS = {
-    SIMILAR: _PairTest(IQM_DIFFERENCE, "final"),
+    SIMILAR_RETURN: _PairTest(IQM_DIFFERENCE, "final"),
     VARIES_LESS: _RATIO_OF_DEVIATIONS,
     FASTER: _PairTest(IQM_DIFFERENCE, "area"),
     OFF_POLICY_HIGHER: _PairTest(st.difference(st.median), "final"),
@@ -90,7 +90,7 @@ def examine(
         and kind_in(pair.theirs.representation) in (FULL, RAW)
     ]
     for pair in reduced:
-        for claim in (SIMILAR, VARIES_LESS, FASTER):
+        for claim in (SIMILAR_RETURN, VARIES_LESS, FASTER):
             yield _on_pair(claim, pair, kind_in(pair.theirs.representation))
 
     for harder, easier in product(reduced, repeat=2):
@@ -170,7 +170,7 @@ def _on_pair(claim: str, pair: Pair, baseline: str) -> Finding:
     supporting = contradicting
     low = 1.0 if test.is_ratio else 0.0
     high = np.inf
-    if claim == SIMILAR:  # two one-sided tests at 5%
+    if claim == SIMILAR_RETURN:  # two one-sided tests at 5%
         supporting = sample.estimate(0.9)
         high = margin(pair.ours.task)
         low = -high

@@ -1,7 +1,7 @@
 """Comparisons of configurations: two sides, methods, pairs."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
-from functools import cache, partial
+from collections.abc import Collection, Mapping, Sequence
+from functools import cache
 from itertools import combinations
 from typing import Any
 
@@ -17,7 +17,7 @@ from jbench.settings.recorded import comparable
 from jbench.settings.variants import variant_labels
 from jbench.statistics import bootstrap as st
 from jbench.statistics.permutation import p_value
-from jbench.statistics.step_down import HasDirection, corrected_level
+from jbench.statistics.verdicts import DECIDING_SEEDS, DIRECTIONS, Evidence, corrected_level
 from jbench.studies.deciding import margin
 from jbench.studies.quantities import FINAL_RETURN
 
@@ -69,8 +69,8 @@ def comparison_frame(groups: Sequence[Sequence[Pair]]) -> pd.DataFrame:
         chosen = [pairs for pairs in groups if pairs[0].ours.returns_name == kind]
         known = ranges([config for pairs in chosen for pair in pairs for config in pair.sides])
         family = [_compared(pairs, known) for pairs in chosen]
-        judge(family)
-        rows += [comparison.row() for comparison in family]
+        judgments = judge(family)
+        rows += [one.row(judgment) for one, judgment in zip(family, judgments, strict=True)]
 
     for row in rows:
         if row["verdict"] in FINAL_RETURN.directions:
@@ -105,16 +105,13 @@ def _compared(pairs: Sequence[Pair], known: Mapping[str, Range]) -> Comparison:
     def p_of_difference(shift: float) -> float:
         return p_value([scores + shift for scores in first], other)
 
-    difference = samples[IQM_DIFFERENCE]
-    return Comparison(
-        FINAL_RETURN,
-        names,
-        difference.estimate(),
-        difference.interval,
+    evidence = Evidence(
+        samples[IQM_DIFFERENCE].estimate,
         p_of_difference,
-        decidable=all(pair.decidable for pair in pairs),
+        seeds=min(pair.seeds for pair in pairs),
         margin=0.0 if ours.source == FILE else margin(ours.task),
     )
+    return Comparison(FINAL_RETURN, names, evidence)
 
 
 def method_pairs(configurations: Configurations) -> list[list[Pair]]:
@@ -180,41 +177,29 @@ def pair_frame(configurations: Configurations, verdicts: pd.DataFrame) -> pd.Dat
     return; for other pairs, 0.5 has to be outside of an interval corrected for their number, and a
     permutation test has to confirm it.
     """
-    samples: dict[tuple[Configuration, Configuration], st.Resampled] = {}
-    decides: dict[tuple[Configuration, Configuration], HasDirection] = {}
+    compared: dict[tuple[Configuration, Configuration], Evidence] = {}
     for pair in combinations((c for c in configurations if not c.robots), 2):
         # Resampled in an order of their own, so that the order on the page changes no number.
         first, other = sorted(pair, key=lambda c: (c.representation != FULL, c.representation))
-        compared = Pair(first, other)
+        sides = Pair(first, other)
         is_alike = first.task == other.task and first.trained == other.trained
-        if is_alike and compared.decidable:
-            sample = compared.sample(st.probability_of_improvement)
-            samples[first, other] = sample
-            p_of_improvement = cache(compared.p_value_of_improvement)
-            decides[first, other] = partial(_is_decided, sample, p_of_improvement)
+        if is_alike and sides.seeds >= DECIDING_SEEDS:
+            compared[first, other] = sides.improvement()
 
-    level = corrected_level([*decides.values()])
+    level = corrected_level([*compared.values()])
 
     final = verdicts[verdicts["claim"] == FINAL_RETURN.claim]
     names = map(frozenset, zip(final["configuration"], final["baseline"], strict=True))
     known = dict(zip(names, final["verdict"].isin(FINAL_RETURN.directions), strict=True))
 
     rows = []
-    for (first, other), sample in samples.items():
-        p, low, high, _ = sample.estimate()
+    for (first, other), evidence in compared.items():
+        p, low, high, _ = evidence.estimate(0.95)
         key = frozenset((first.configuration, other.configuration))
-        decided = known.get(key, decides[first, other](1 - level))
+        decided = known.get(key, evidence.verdict(level) in DIRECTIONS)
         both = (first, other, p, low, high), (other, first, 1 - p, 1 - high, 1 - low)
         for a, b, *numbers in both:
             labels = a.task, a.returns_name, a.configuration, b.configuration, a.label, b.label
             rows.append((*labels, *numbers, decided, int(a.longest)))
 
     return pd.DataFrame(rows, columns=PAIRS)
-
-
-def _is_decided(
-    probability: st.Resampled, p_of_improvement: Callable[[], float], confidence: float
-) -> bool:
-    """Returns whether the interval of a probability, and its test, decide which side is better."""
-    low, high = probability.interval(confidence)
-    return not low <= 0.5 <= high and p_of_improvement() <= 1 - confidence

@@ -10,11 +10,12 @@ import pandas as pd
 
 from jbench.names import ReturnsName
 from jbench.report.data.configuration import ID, Configuration
-from jbench.returns import EVALUATION, TRAINING, final_return, mean_over_run
+from jbench.returns import EVALUATION, TRAINING
 from jbench.studies.arms import Arm, run_key
 from jbench.studies.comparisons import file_comparisons
-from jbench.studies.deciding import decide, decided_word
-from jbench.studies.quantities import FINAL_RETURN
+from jbench.studies.deciding import compared_return, decide
+from jbench.studies.entries import Claim
+from jbench.studies.quantities import QUANTITIES, SPEED
 from jbench.studies.shipped import shipped_studies
 from jbench.studies.study import PlannedComparison
 
@@ -144,11 +145,11 @@ def _decided(study: Sequence[StudyComparison]) -> Iterator[dict[str, Any]]:
                 "baseline": second.configuration,
                 "against": second.identity["representation"],
                 "against_words": second.words,
-                "verdict": decided_word(decision.verdict, planned.comparison.claim),
+                "verdict": QUANTITIES[planned.comparison.claim].word(decision.verdict),
             }
 
 
-def _returns(by_kind: ByKind, arm: Arm, claim: str) -> dict[int, float | None]:
+def _returns(by_kind: ByKind, arm: Arm, claim: Claim) -> dict[int, float | None]:
     """Returns the returns of finished runs by seed: of evaluations, or without any of training.
 
     Means over the run of different evaluations are not comparable, so a run that was not evaluated
@@ -156,19 +157,19 @@ def _returns(by_kind: ByKind, arm: Arm, claim: str) -> dict[int, float | None]:
     """
     returns: dict[int, float | None] = {}
     for kind in (TRAINING, EVALUATION):
-        if kind in by_kind:
-            config = by_kind[kind]
-            usable = config.finished & (config.steps == arm.run.steps)
-            for row in np.flatnonzero(usable):
-                points = config.returns[row, : config.lengths[row]]
-                is_alike = config.evaluate_every[row] == arm.run.evaluate_every
-                # Not those of `seed_scores`, which depend on the steps of the other seeds.
-                if claim == FINAL_RETURN.claim:
-                    made = final_return(points, kind)
-                elif kind == TRAINING or is_alike:
-                    made = mean_over_run(points)
-                else:
-                    made = None
-                returns[int(config.seeds[row])] = made
+        config = by_kind.get(kind)
+        if config is None:
+            continue
+
+        usable = config.finished & (config.steps == arm.run.steps)
+        for row in np.flatnonzero(usable):
+            # Not those of `seed_scores`, which depend on the steps of the other seeds.
+            points = config.returns[row, : config.lengths[row]]
+            seed = int(config.seeds[row])
+            returns[seed] = compared_return(points, kind, claim)
+
+            is_alike = config.evaluate_every[row] == arm.run.evaluate_every
+            if claim == SPEED.claim and kind == EVALUATION and not is_alike:
+                returns[seed] = None
 
     return returns

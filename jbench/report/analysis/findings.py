@@ -9,11 +9,12 @@ from jbench.report.data.source_names import OWN
 from jbench.returns import EVALUATION
 from jbench.statistics import bootstrap as st
 from jbench.statistics.agents import seeds_to_decide
+from jbench.statistics.verdicts import DECIDING_SEEDS
 from jbench.studies.quantities import FINAL_RETURN, SPEED, VARIABILITY
 from jbench.task_specs import SOLVED_RETURN
 
 # The letters of the claims, as claims.csv and docs/claims.md have them.
-SIMILAR = FINAL_RETURN.claim
+SIMILAR_RETURN = FINAL_RETURN.claim
 VARIES_LESS = VARIABILITY.claim
 FASTER = SPEED.claim
 GAINS_MORE = "d"
@@ -100,7 +101,7 @@ def decide(
         logarithmic: whether the effect is a ratio, whose distance from `low` is logarithmic.
     """
     against = outer or effect
-    if seeds >= st.DECIDING_SEEDS:
+    if seeds >= DECIDING_SEEDS:
         if effect.low > low and (effect.high < high or np.isinf(high)):
             return Decided("supported")
         if against.high < low or against.low > high:
@@ -115,8 +116,8 @@ def decide(
     needed = seeds_to_decide(distance, error, seeds)
     if needed is None:
         return Decided()
-    if seeds < st.DECIDING_SEEDS and needed <= st.DECIDING_SEEDS:
-        return Decided(seeds_needed=st.DECIDING_SEEDS, seeds_needed_by="six-seed rule")
+    if seeds < DECIDING_SEEDS and needed <= DECIDING_SEEDS:
+        return Decided(seeds_needed=DECIDING_SEEDS, seeds_needed_by="six-seed rule")
 
     return Decided(seeds_needed=needed, seeds_needed_by="80% power")
 

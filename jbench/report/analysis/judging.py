@@ -1,33 +1,23 @@
-"""Comparisons of configurations by a number, and verdicts that are corrected for their family.
+"""Comparisons of configurations by a number, and their verdicts in words.
 
-A verdict rests on an interval at a level that Holm's step-down procedure gives (S. Holm, *A simple
-sequentially rejective multiple test procedure*, Scand. J. Statist. 6, 1979): 5% over the number of
-comparisons, then over the number of those in which neither number is larger, and so on. At these
-levels, bootstrap intervals of few seeds are too narrow. So a permutation test has to confirm the
-verdict at the same level; the procedure holds for its p-values, whatever the intervals are.
+`statistics.verdicts` has the rule for verdicts, and corrects their level for a family of
+comparisons. Comparisons that a study plans have the verdict of its sequential test instead.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from jbench.report.numbers import decimals, end, fixed, signed, whole
-from jbench.statistics import bootstrap as st
-from jbench.statistics.step_down import Interval, corrected_level
-from jbench.studies.quantities import FINAL_RETURN, Quantity
+from jbench.statistics.verdicts import DECIDING_SEEDS, Evidence, corrected_level
+from jbench.studies.quantities import FINAL_RETURN, SIMILAR, UNDECIDED, Quantity
 
 SEQUENTIAL = "sequential test"
 """Origin of the verdicts of the group-sequential test."""
 
-PValue = Callable[[float], float]
-"""Gives the p-value of a difference after a number is added to the scores of the first side."""
-
-_UNDECIDED = "undecided"
-_SIMILAR = "similar"
-
-_TOO_FEW = f"fewer than {st.DECIDING_SEEDS} seeds"
+_TOO_FEW = f"fewer than {DECIDING_SEEDS} seeds"
 
 _MARKS = {
     "higher": "✓",
@@ -36,113 +26,90 @@ _MARKS = {
     "lower": "✗",
     "more variable": "✗",
     "slower": "✗",
-    _SIMILAR: "=",
-    _UNDECIDED: "?",
+    SIMILAR: "=",
+    UNDECIDED: "?",
 }
 """A check mark speaks for the first of two configurations."""
 
 
 @dataclass(frozen=True)
 class Judgment:
-    """What is said about a comparison, and the corrected interval on which that rests.
+    """The verdict on a comparison, and the corrected interval on which it rests.
 
     Attributes:
-        word: one of the words of a quantity, similar, or undecided.
+        word: one of the words of a quantity.
         low, high: ends of the interval.
         by: what the interval is corrected by; empty if there is one comparison only.
-        text: a sentence for readers.
     """
 
     word: str
     low: float
     high: float
     by: str
-    text: str
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class Comparison:
     """Two configurations that are compared by a number, the first minus the second.
 
     Attributes:
         quantity: the number that is compared.
         names: columns that name what is compared.
-        estimate: the number with its 95% interval.
-        interval: the ends of its interval by confidence.
-        p_value: of the permutation test.
-        decidable: whether there are enough seeds for a verdict.
-        margin: final returns that differ by less are similar; 0 if none are.
-        judgment: None until it is judged.
+        evidence: what the seeds say about the difference.
     """
 
     quantity: Quantity
     names: Mapping[str, Any]
-    estimate: st.Estimate
-    interval: Interval = field(repr=False)
-    p_value: PValue = field(repr=False)
-    decidable: bool
-    margin: float
-    judgment: Judgment | None = None
+    evidence: Evidence
 
-    def conclude(self, word: str, low: float, high: float, by: str) -> None:
-        """Records a verdict, the corrected interval on which it rests, and what corrects it."""
-        self.judgment = Judgment(word, low, high, by, self._text(word, low, high, by))
-
-    def row(self) -> dict[str, Any]:
+    def row(self, judgment: Judgment) -> dict[str, Any]:
         """Returns the names, the number and the verdict, by columns of a frame."""
-        judgment = self.judgment
-        assert judgment is not None
+        value, low, high, _ = self.evidence.estimate(0.95)
         return {
             **self.names,
             "claim": self.quantity.claim,
-            "value": self.estimate.value,
-            "low": self.estimate.low,
-            "high": self.estimate.high,
+            "value": value,
+            "low": low,
+            "high": high,
             "verdict": judgment.word,
             "mark": _MARKS[judgment.word],
             "corrected_low": judgment.low,
             "corrected_high": judgment.high,
             "corrected_by": judgment.by,
-            "text": judgment.text,
+            "text": self._text(judgment),
         }
 
-    def word(self, confidence: float) -> str:
-        """Returns the verdict of the interval at a confidence, if the permutation test agrees."""
-        low, high = self.interval(confidence)
-        level = 1 - confidence
-        if self.quantity is FINAL_RETURN and low > -self.margin and high < self.margin:
-            return _SIMILAR if self._p_of_similarity() <= level else _UNDECIDED
-        if low <= 0 <= high or np.isnan(low) or self.p_value(0.0) > level:
-            return _UNDECIDED
-        return self.quantity.larger if low > 0 else self.quantity.smaller
-
-    def _p_of_similarity(self) -> float:
-        """Returns the larger p-value of two tests: that the difference is beyond the margin."""
-        return max(self.p_value(shift) for shift in (-self.margin, self.margin))
-
-    def has_direction(self, confidence: float) -> bool:
-        """Returns whether the verdict at a confidence tells which number is larger."""
-        return self.word(confidence) in self.quantity.directions
-
-    def _text(self, word: str, low: float, high: float, by: str) -> str:
+    def _text(self, judgment: Judgment) -> str:
         """Returns a verdict in words, with the difference that it rests on."""
-        text = self._number(low, high, by)
-        if word == _UNDECIDED and by not in (SEQUENTIAL, _TOO_FEW) and (low > 0 or high < 0):
-            return f"{word}: {text}; p = {self.p_value(0.0):.2g}, too large for a verdict"
+        text = self._number(judgment)
+        word = judgment.word
+        low = judgment.low
+        high = judgment.high
+        is_tested = judgment.by not in (SEQUENTIAL, _TOO_FEW)
+        if word == UNDECIDED and is_tested and (low > 0 or high < 0):
+            p_value = self.evidence.p_value(0.0)
+            return f"{word}: {text}; p = {p_value:.2g}, too large for a verdict"
+
         if self.quantity is not FINAL_RETURN or word not in FINAL_RETURN.directions:
             return f"{word}: {text}"
-        if self.margin and np.isfinite([low, high]).any():
-            beyond = "yes" if min(abs(low), abs(high)) > self.margin else "undecided"
-            return f"{text}; by more than {self.margin:g}: {beyond}"
+
+        margin = self.evidence.margin
+        if margin and np.isfinite([low, high]).any():
+            beyond = "yes" if min(abs(low), abs(high)) > margin else UNDECIDED
+            return f"{text}; by more than {margin:g}: {beyond}"
+
         return text
 
-    def _number(self, low: float, high: float, by: str) -> str:
+    def _number(self, judgment: Judgment) -> str:
         """Returns the difference in words, or why its interval decides nothing."""
-        value = self.estimate.value
+        value = self.evidence.estimate(0.95).value
         if np.isnan(value):
             return "unknown"
-        if by == _TOO_FEW or not np.isfinite([low, high]).any():
-            reason = "the sequential test needs more" if by == SEQUENTIAL else "too few"
+
+        low = judgment.low
+        high = judgment.high
+        if judgment.by == _TOO_FEW or not np.isfinite([low, high]).any():
+            reason = "the sequential test needs more" if judgment.by == SEQUENTIAL else "too few"
             return f"{signed(value)}, {reason} seeds"
 
         if low > 0:
@@ -164,14 +131,18 @@ def _range(least: float, most: float) -> str:
     return f"{shown} to {largest}" if shown.strip("0.") else f"up to {largest}"
 
 
-def judge(family: Sequence[Comparison]) -> None:
+def judge(family: Sequence[Comparison]) -> list[Judgment]:
     """Judges comparisons by the same quantity, each corrected for the others."""
-    decidable = [comparison for comparison in family if comparison.decidable]
-    level = corrected_level([comparison.has_direction for comparison in decidable])
-    by = f"Holm, {len(decidable)} comparisons" if len(decidable) > 1 else ""
+    level = corrected_level([comparison.evidence for comparison in family])
+    count = sum(comparison.evidence.is_decidable for comparison in family)
+    corrected_by = f"Holm, {count} comparisons" if count > 1 else ""
+
+    judgments = []
     for comparison in family:
-        low, high = comparison.interval(1 - level)
-        if comparison.decidable:
-            comparison.conclude(comparison.word(1 - level), low, high, by)
-        else:
-            comparison.conclude(_UNDECIDED, low, high, _TOO_FEW)
+        evidence = comparison.evidence
+        word = comparison.quantity.word(evidence.verdict(level))
+        _, low, high, _ = evidence.estimate(1 - level)
+        by = corrected_by if evidence.is_decidable else _TOO_FEW
+        judgments.append(Judgment(word, low, high, by))
+
+    return judgments

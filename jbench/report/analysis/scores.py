@@ -5,6 +5,7 @@ the highest return of a task, over all its runs and points. Tasks of dm_control 
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
 from jbench.statistics.agents import difference
 from jbench.statistics.permutation import p_value
+from jbench.statistics.verdicts import Evidence
 from jbench.task_specs import return_range
 
 IQM_DIFFERENCE = st.difference(st.interquartile_mean)
@@ -99,7 +101,6 @@ class Pair:
         self.control_steps = int(min(ours.last_step, theirs.last_step))
         self.scores = [self._scores(ours, theirs), self._scores(theirs, ours)]
         self.seeds = min(len(side.final) for side in self.scores)
-        self.decidable = self.seeds >= st.DECIDING_SEEDS  # enough for a verdict
 
     def _scores(self, side: Configuration, other: Configuration) -> Scores:
         """Returns the scores of a side, whose means over the run compare with the other's."""
@@ -132,12 +133,18 @@ class Pair:
         ours, theirs = (np.abs(side.final - np.median(side.final)) for side in self.scores)
         return p_value([ours], [theirs])
 
-    def p_value_of_improvement(self) -> float:
-        """Returns the p-value of the probability of improvement, by permutation of the ranks."""
+    def improvement(self) -> Evidence:
+        """Returns the evidence of the probability of improvement, tested by permuted ranks."""
+        sample = self.sample(st.probability_of_improvement)
         first, other = (side.final for side in self.scores)
         ranks = rankdata(np.concatenate([first, other]))
         ours, theirs = np.split(ranks, [len(first)])
-        return p_value([ours], [theirs])
+
+        @cache
+        def p_of_improvement(_: float) -> float:
+            return p_value([ours], [theirs])
+
+        return Evidence(sample.estimate, p_of_improvement, self.seeds, null_value=0.5)
 
     def agents_difference(self, confidence: float = 0.95) -> st.Estimate:
         """Returns the difference of the standard deviations between agents."""

@@ -9,18 +9,20 @@ scaling and reduction together; `scaled` is the observation with the same scalin
 
 from collections.abc import Sequence
 from functools import cache, partial
+from typing import Any
 
 import pandas as pd
 
 from jbench.names import RETURNS
 from jbench.report.analysis.baselines import with_baselines
 from jbench.report.analysis.decisions import StudyComparison
-from jbench.report.analysis.judging import SEQUENTIAL, Comparison, judge
+from jbench.report.analysis.judging import SEQUENTIAL, Comparison, Judgment, judge
 from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair
 from jbench.report.data.configuration import ID, Configuration, with_returns
 from jbench.statistics import bootstrap as st
+from jbench.statistics.verdicts import Evidence
 from jbench.studies.deciding import margin
-from jbench.studies.quantities import QUANTITIES, SPEED, VARIABILITY, Quantity
+from jbench.studies.quantities import FINAL_RETURN, QUANTITIES, SPEED, VARIABILITY, Quantity
 
 VERDICTS = [
     *ID,
@@ -52,8 +54,13 @@ def verdict_frame(
     They are of each of the `QUANTITIES`: of variability for three or more seeds. baseline is a
     configuration, value has a 95% interval, and the verdict rests on the corrected one.
     """
-    listed = {tuple(row[key] for key in _KEYS): row for row in decisions.to_dict("records")}
-    every: list[Comparison] = []
+    listed = {
+        tuple(row[key] for key in _KEYS): Judgment(
+            row["verdict"], row["low"], row["high"], SEQUENTIAL
+        )
+        for row in decisions.to_dict("records")
+    }
+    rows: list[dict[str, Any]] = []
     for kind in RETURNS:
         asked = [
             _comparison(quantity, pair)
@@ -61,17 +68,20 @@ def verdict_frame(
             for quantity in QUANTITIES.values()
             if quantity is not VARIABILITY or _has_enough_seeds(pair)
         ]
+        judgments: dict[Comparison, Judgment] = {}
         for comparison in asked:
             names = {**comparison.names, "claim": comparison.quantity.claim}
-            decided = listed.get(tuple(names[key] for key in _KEYS))
-            if decided is not None:
-                comparison.conclude(decided["verdict"], decided["low"], decided["high"], SEQUENTIAL)
+            judgment = listed.get(tuple(names[key] for key in _KEYS))
+            if judgment is not None:
+                judgments[comparison] = judgment
 
         for quantity in QUANTITIES.values():
-            judge([one for one in asked if one.quantity is quantity and one.judgment is None])
-        every += asked
+            family = [one for one in asked if one.quantity is quantity and one not in judgments]
+            judgments |= zip(family, judge(family), strict=True)
 
-    return pd.DataFrame([comparison.row() for comparison in every], columns=VERDICTS)
+        rows += [comparison.row(judgments[comparison]) for comparison in asked]
+
+    return pd.DataFrame(rows, columns=VERDICTS)
 
 
 def _has_enough_seeds(pair: Pair) -> bool:
@@ -88,23 +98,21 @@ def _comparison(quantity: Quantity, pair: Pair) -> Comparison:
         "seeds": pair.seeds,
         "steps": pair.control_steps,
     }
-    similar_within = margin(pair.ours.task)
-    if quantity is VARIABILITY:
-        estimate = pair.agents_difference()
+    return Comparison(quantity, names, _evidence(quantity, pair))
 
-        def interval(confidence: float) -> tuple[float, float]:
-            _, low, high, _ = pair.agents_difference(confidence)
-            return low, high
+
+def _evidence(quantity: Quantity, pair: Pair) -> Evidence:
+    """Returns what the seeds of a pair say about a quantity."""
+    if quantity is VARIABILITY:
 
         @cache
-        def p_value(_: float) -> float:
+        def p_of_variability(_: float) -> float:
             return pair.p_value_of_variability()
 
-    else:
-        scores = "area" if quantity is SPEED else "final"
-        sample = pair.sample(IQM_DIFFERENCE, scores)
-        estimate = sample.estimate()
-        interval = sample.interval
-        p_value = cache(partial(pair.p_value, scores))
+        return Evidence(pair.agents_difference, p_of_variability, pair.seeds)
 
-    return Comparison(quantity, names, estimate, interval, p_value, pair.decidable, similar_within)
+    scores = "area" if quantity is SPEED else "final"
+    sample = pair.sample(IQM_DIFFERENCE, scores)
+    p_of_difference = cache(partial(pair.p_value, scores))
+    similar_within = margin(pair.ours.task) if quantity is FINAL_RETURN else 0.0
+    return Evidence(sample.estimate, p_of_difference, pair.seeds, similar_within)

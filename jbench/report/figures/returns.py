@@ -13,7 +13,7 @@ from jbench.report.figures.chart import ROWS, Chart, Panel, by_task
 from jbench.report.frames import Frames
 from jbench.report.numbers import ratio, with_error
 from jbench.report.style import Look, Looks
-from jbench.statistics.bootstrap import DECIDING_SEEDS
+from jbench.statistics.verdicts import DECIDING_SEEDS
 from jbench.task_specs import highest_return
 
 _FLOOR = 1e-3  # smaller fractions of unexplained variance are drawn here

@@ -12,7 +12,7 @@ from jbench.report.figures import cells, marks
 from jbench.report.figures.chart import ROWS, Chart, by_task
 from jbench.report.frames import Frames
 from jbench.report.policies import FULL_SPEED
-from jbench.statistics.bootstrap import DECIDING_SEEDS
+from jbench.statistics.verdicts import DECIDING_SEEDS
 
 _PROFILES = 6  # lines that can be told apart
 _TARGET = "#d00000"

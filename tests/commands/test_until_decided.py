@@ -14,8 +14,8 @@ from jbench.store import Results, schema
 from jbench.studies.comparisons import comparisons
 from jbench.studies.entries import read_entries
 from jbench.studies.matrix import only, read_matrix
-from jbench.sweeps import deciding
 from jbench.sweeps.cell import matrix_cells
+from jbench.sweeps.outcomes import next_cells, outcomes, recorded_return
 from tests.command_line import succeed
 from tests.store.store_rows import episodes
 
@@ -78,7 +78,7 @@ class Sweep:
         return comparisons(self.parts, self.entries, typed, most)
 
     def outcomes(self, typed=(), most=30):
-        return deciding.outcomes(self.comparisons(typed, most), self.cells, self.results)
+        return outcomes(self.comparisons(typed, most), self.cells, self.results)
 
 
 @pytest.fixture
@@ -120,18 +120,18 @@ def seeds_by_name(cells):
 def test_run_without_an_evaluation_or_a_number(results, cells):
     # Without evaluations: the mean of the last quarter of the training episodes, 60 and 70.
     run = cells[0].runs[1]
-    assert deciding.compared_return(finish(results, run, [], evaluations=0), "a") == 65
+    assert recorded_return(finish(results, run, [], evaluations=0), "a") == 65
     run = cells[0].runs[2]
     record = finish(results, run, [float("nan")])
-    assert deciding.compared_return(record, "a") is None
-    assert deciding.compared_return(record, "c") == -1  # that of the first evaluation
+    assert recorded_return(record, "a") is None
+    assert recorded_return(record, "c") == -1  # that of the first evaluation
 
 
 def test_added_returns_join_the_last_evaluation(results, cells):
     record = finish(results, cells[0].runs[0], [10.0, 30.0])
     added = [np.array([80.0, 80.0])]
-    assert deciding.compared_return(record, "a", added) == 50
-    assert deciding.compared_return(record, "c", added) == (-1 + 50) / 2
+    assert recorded_return(record, "a", added) == 50
+    assert recorded_return(record, "c", added) == (-1 + 50) / 2
 
 
 def test_representations_are_compared_with_full_observation(matrix):
@@ -179,10 +179,10 @@ def test_listed_comparisons_replace_those_with_baselines(read, results):
     for cell, final in ((full, 300.0), (pca, 100.0), (random, 100.0)):
         for seed in range(5):
             finish(results, cell.runs[seed], [final + seed])
-    outcomes = matrix.outcomes()
+    reached = matrix.outcomes()
     # (c): the first evaluation is -1 for all.
-    assert [outcome.decision.difference for outcome in outcomes] == [0, -100]
-    assert [len(outcome.needed) for outcome in outcomes] == [0, 10]  # the first has its maximum
+    assert [outcome.decision.difference for outcome in reached] == [0, -100]
+    assert [len(outcome.needed) for outcome in reached] == [0, 10]  # the first has its maximum
 
 
 @pytest.mark.parametrize(
@@ -210,19 +210,19 @@ def test_invalid_comparison_is_refused(old, new, message, read):
 def test_only_undecided_comparisons_get_more_seeds(results, matrix):
     cells = matrix.cells
     full, pca, random, _ = cells
-    first = deciding.next_cells(matrix.outcomes(), ())
+    first = next_cells(matrix.outcomes(), ())
     assert seeds_by_name(first) == {name: [0, 1, 2, 3, 4] for name in ("full", "pca3", "random2")}
     fill(results, full, [500, 510, 520, 530, 540])
     fill(results, pca, [100, 110, 120, 130])  # one seed is missing
     fill(results, random, [501, 511, 521, 531, 541])
-    outcomes = matrix.outcomes()
-    assert [outcome.decision.seeds for outcome in outcomes] == [0, 5]
-    assert {outcome.decision.verdict for outcome in outcomes} == {"undecided"}
+    reached = matrix.outcomes()
+    assert [outcome.decision.seeds for outcome in reached] == [0, 5]
+    assert {outcome.decision.verdict for outcome in reached} == {"undecided"}
     more = {"full": [5, 6, 7, 8, 9], "random2": [5, 6, 7, 8, 9]}
-    assert seeds_by_name(deciding.next_cells(outcomes, ())) == {**more, "pca3": [4]}
+    assert seeds_by_name(next_cells(reached, ())) == {**more, "pca3": [4]}
     assert matrix.outcomes(["pca3"])[0].needed == [pca.runs[4]]
     # A run that was tried and failed stops only its comparisons.
-    assert seeds_by_name(deciding.next_cells(outcomes, {pca.runs[4].id})) == more
+    assert seeds_by_name(next_cells(reached, {pca.runs[4].id})) == more
 
     finish(results, pca.runs[4], [140.0])
     for cell, start in ((full, 550), (random, 551)):
@@ -256,9 +256,9 @@ def test_each_seed_has_its_own_encoder_if_the_matrix_says_so(read, results):
     assert len({run.encoder for run in runs}) == 10
     for cell in cells:
         fill(results, cell, [100, 900, 200, 800, 500])
-    outcomes = matrix.outcomes(["pca3/full"], most=10)
-    assert [outcome.decision.seeds for outcome in outcomes] == [5]
-    _, more = deciding.next_cells(outcomes, ())
+    reached = matrix.outcomes(["pca3/full"], most=10)
+    assert [outcome.decision.seeds for outcome in reached] == [5]
+    _, more = next_cells(reached, ())
     # A sweep makes the encoders of the new seeds first.
     assert more.runs == runs[5:]
     assert {run.encoder for run in more.runs} <= {encoder.id for encoder in more.encoders}

@@ -6,14 +6,16 @@ from typing import Any
 from jbench.commands import output
 from jbench.errors import RequestError
 from jbench.report.numbers import signed, texts
-from jbench.statistics.sequential import BLOCK, ERROR_RATE
+from jbench.statistics.sequential import BLOCK
+from jbench.statistics.verdicts import ERROR_RATE
 from jbench.store import Results
 from jbench.studies.comparisons import comparisons
-from jbench.studies.deciding import MARGIN, decided_word
+from jbench.studies.deciding import MARGIN
 from jbench.studies.entries import read_entries
 from jbench.studies.matrix import Parts
-from jbench.sweeps import deciding
+from jbench.studies.quantities import QUANTITIES, SIMILAR
 from jbench.sweeps.cell import Cell, all_runs
+from jbench.sweeps.outcomes import Outcome, next_cells, outcomes
 from jbench.training.status import failures_among, run_statuses
 from jbench.wording import counted
 
@@ -26,7 +28,7 @@ def seeds_to_compare(matrix: str, max_seeds: int) -> list[int]:
     return list(range(max([max_seeds, *planned])))
 
 
-def decide(
+def add_seeds_until_decided(
     matrix: str,
     parts: Parts,
     cells: Sequence[Cell],
@@ -52,8 +54,8 @@ def decide(
     )
     tried = set[str]()
     while True:  # an interim analysis of all comparisons
-        reached = deciding.outcomes(chosen, cells, results)
-        needed_next = deciding.next_cells(reached, tried)
+        reached = outcomes(chosen, cells, results)
+        needed_next = next_cells(reached, tried)
         _show_outcomes(reached, tried)
         if not needed_next or train is None:
             break
@@ -70,7 +72,7 @@ def decide(
     return {**document, "failures": failures_among(statuses)}, len(statuses)
 
 
-def _show_outcomes(reached: Sequence[deciding.Outcome], tried: Container[str]) -> None:
+def _show_outcomes(reached: Sequence[Outcome], tried: Container[str]) -> None:
     """Prints each comparison's decision; runs with the tried ids were trained, finished or not."""
     rows = []
     for outcome in reached:
@@ -95,13 +97,13 @@ def _show_outcomes(reached: Sequence[deciding.Outcome], tried: Container[str]) -
     output.table(f"Comparisons decided: {decided} of {len(rows)}", header, rows, ("error spent",))
 
 
-def _verdict(outcome: deciding.Outcome) -> str:
+def _verdict(outcome: Outcome) -> str:
     """Returns the decision in the words of the report."""
-    word = decided_word(outcome.decision.verdict, outcome.comparison.claim)
-    return f"{word}, within {MARGIN:g}" if word == "similar" else word
+    word = QUANTITIES[outcome.comparison.claim].word(outcome.decision.verdict)
+    return f"{word}, within {MARGIN:g}" if word == SIMILAR else word
 
 
-def _described(outcome: deciding.Outcome) -> dict[str, Any]:
+def _described(outcome: Outcome) -> dict[str, Any]:
     """Returns an outcome for JSON."""
     comparison = outcome.comparison
     first = comparison.first

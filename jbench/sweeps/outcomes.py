@@ -5,17 +5,15 @@ from dataclasses import dataclass
 from functools import cache
 
 from jbench.errors import WorkError
-from jbench.names import ReturnsName
-from jbench.returns import evaluation_means, final_return, mean_over_run
+from jbench.returns import EVALUATION, TRAINING, evaluation_means
 from jbench.settings.run import RunSettings
 from jbench.statistics import FloatArray
 from jbench.statistics.sequential import BLOCK
 from jbench.statistics.step_down import Decision
 from jbench.store import Record, Results
 from jbench.store.evaluations import added_returns, evaluation_returns
-from jbench.studies.deciding import Returns, decide
+from jbench.studies.deciding import Returns, compared_return, decide
 from jbench.studies.entries import Claim
-from jbench.studies.quantities import SPEED
 from jbench.studies.study import PlannedComparison
 from jbench.sweeps.cell import Cell, with_runs
 
@@ -38,7 +36,7 @@ class Outcome:
     unknown: str = ""
 
 
-def compared_return(
+def recorded_return(
     record: Record, claim: Claim = "a", added: Sequence[FloatArray] = ()
 ) -> float | None:
     """Returns the number of a run that a claim compares: its final return, or its mean return.
@@ -46,12 +44,12 @@ def compared_return(
     They are of its evaluations, the last of which added returns join; without any, of its training
     episodes. None if no return is finite. Raises a WorkError if the rows can't be read.
     """
-    kind: ReturnsName = "evaluation"
+    kind = EVALUATION
     points = evaluation_means(*evaluation_returns(record, added))
     if not len(points):
-        kind = "training"
+        kind = TRAINING
         points = record.read("episodes")["episode_return"].to_numpy()
-    return mean_over_run(points) if claim == SPEED.claim else final_return(points, kind)
+    return compared_return(points, kind, claim)
 
 
 def outcomes(
@@ -78,7 +76,7 @@ def outcomes(
     @cache
     def finished_return(run: str, claim: Claim) -> float | None:
         record = results.find("run", run)
-        return None if record is None else compared_return(record, claim, added.get(run, ()))
+        return None if record is None else recorded_return(record, claim, added.get(run, ()))
 
     def returns(cell: Cell, claim: Claim) -> Returns:
         return {run.seed: finished_return(run.id, claim) for run in cell.runs if finished(run.id)}

@@ -35,7 +35,7 @@ _ROUNDING = 1e-9
 RELABELINGS = 63_504
 """Relabelings of a test: all of two blocks of 5 + 5 seeds; with more blocks, a random sample."""
 
-_BISECTIONS = 16  # per end of an interval: precision of 1e-4 of the range of the seeds
+_BISECTIONS = 16  # precision of an interval's end: 1e-4 of the range of the seeds
 
 
 def decided_at(
@@ -130,60 +130,60 @@ def interval(
     So it contains 0 if, and only if, neither side is found to be larger, and lies within the margin
     if, and only if, both are found to be equal.
     """
-    low = _lowest(ours, theirs, error_rate / 2, analyses, margin)
-    return low, -_lowest(theirs, ours, error_rate / 2, analyses, margin)
+    low = _lower_end(ours, theirs, error_rate / 2, analyses, margin)
+    high = -_lower_end(theirs, ours, error_rate / 2, analyses, margin)
+    return low, high
 
 
-def _lowest(
+def _lower_end(
     ours: FloatArray, theirs: FloatArray, error_rate: float, analyses: int, margin: float
 ) -> float:
-    """Returns the smallest shift of ours that the one-sided test does not reject, by bisection.
+    """Returns the lower end of the interval: the one-sided test rejects the shifts below it.
 
-    A verdict depends on which side of 0 and of the margins this shift is, so it is found exactly
-    there: these shifts are tested, too.
+    The test subtracts a shift from ours, and rejects the shift if ours are still above theirs. The
+    end is between a rejected shift and one that is not, which bisection brings together. A verdict
+    depends on which side of 0 and of the margins the end is, so these limits are tested, too.
     """
-    high = float(ours.mean() - theirs.mean())
-    spread = float(np.ptp(np.concatenate([ours - high, theirs])))
-    # Of seeds that are all alike, the difference at the least shift must be more than rounding.
-    rounding = 10 * _ROUNDING * float(np.abs(np.concatenate([ours, theirs])).max())
-    low = high - max(4 * spread + 1e-9, rounding)
 
     def rejects(shift: float) -> bool:
         return bool(first_above(ours - shift, theirs, error_rate, analyses))
 
-    if not rejects(low):
+    difference = float(ours.mean() - theirs.mean())
+    deviations = np.concatenate([ours - difference, theirs])
+    largest = float(np.abs(np.concatenate([ours, theirs])).max())
+    # Of seeds that are all alike, the difference at the least shift must be more than rounding.
+    rounding = 10 * _ROUNDING * largest
+    least = difference - max(4 * float(np.ptp(deviations)) + 1e-9, rounding)
+    if not rejects(least):
         return -np.inf
 
-    low, high = _halved(rejects, low, high, _BISECTIONS)
-    limits = {-margin, 0.0, margin}
-    near = [limit for limit in limits if low < limit < high + rounding]
-    for limit in near:
-        low, high = (limit, high) if rejects(limit) else (low, limit)
+    rejected, kept = _halved(rejects, least, difference)
+    for limit in sorted({-margin, 0.0, margin}):
+        if not rejected < limit < kept + rounding:
+            continue
 
-    if near:
-        low, high = _halved(rejects, low, high, _BISECTIONS)
+        if not rejects(limit):
+            rejected, _ = _halved(rejects, rejected, limit)
+            # Nearer than rounding, the end is the limit itself.
+            return limit if limit < rejected + rounding else rejected
 
-    for limit in near:
-        if low == limit:  # which is rejected
-            return high
-        if low < limit < low + rounding:
-            return limit
+        rejected, kept = _halved(rejects, limit, kept)
+        if rejected == limit:  # which has to be outside of the interval
+            return kept
 
-    return low
+    return rejected
 
 
-def _halved(
-    rejects: Callable[[float], bool], low: float, high: float, times: int
-) -> tuple[float, float]:
-    """Returns a rejected shift and one that is not, closer to each other than those given."""
-    for _ in range(times):
-        shift = (low + high) / 2
+def _halved(rejects: Callable[[float], bool], rejected: float, kept: float) -> tuple[float, float]:
+    """Returns a rejected shift and a larger one that is not, closer together by bisection."""
+    for _ in range(_BISECTIONS):
+        shift = (rejected + kept) / 2
         if rejects(shift):
-            low = shift
+            rejected = shift
         else:
-            high = shift
+            kept = shift
 
-    return low, high
+    return rejected, kept
 
 
 @lru_cache

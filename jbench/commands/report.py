@@ -21,6 +21,8 @@ from jbench.settings.base import validated
 from jbench.wording import repair_hint
 
 if TYPE_CHECKING:
+    from jbench.report.frames import Frames
+    from jbench.report.report import WrittenReport
     from jbench.report.verdict_matrices import VerdictMatrix
     from jbench.store import Results
 
@@ -99,13 +101,8 @@ def report(
 
     It has learning curves, statistics and tables, as files and as an HTML page.
     """
-    from jbench.store import Results
-
-    # If two directories are compared, or a file is reported, --results is not read.
     sides = [Path(side) for side in compare or () if is_directory(side)]
-    unread = len(sides) == 2 or curves is not None
-    database = Results(results) if unread else parsing.results_to_read(results)
-    read = [parsing.results_to_read(side) for side in sides] if unread else [database]
+    database, read = _databases(results, sides, curves)
     _check_studies(study)
     if watch and (json or curves):
         other = "--json" if json else "--curves"
@@ -132,14 +129,39 @@ def report(
         **chosen,
     )
 
-    name = "comparison" if compare else "report"
-    # The shipped results are read-only.
-    there = Path(f"reference-{name}") if names.is_reference(results) else database.inside(name)
-    out = out or (Path(f"{curves.resolve().stem}-report") if curves is not None else there)
+    out = out or _usual_directory(results, database, request)
     if watch:
         _watch(database, [database.path, *sides], out, request)
     else:
         _report(database, out, request)
+
+
+def _databases(
+    results: Path, sides: Sequence[Path], curves: Path | None
+) -> tuple["Results", list["Results"]]:
+    """Returns the results of --results, and those whose tasks and algorithms a user may type.
+
+    If two directories are compared, or a file is reported, --results is not read.
+    """
+    from jbench.store import Results
+
+    if len(sides) == 2 or curves is not None:
+        return Results(results), [parsing.results_to_read(side) for side in sides]
+
+    database = parsing.results_to_read(results)
+    return database, [database]
+
+
+def _usual_directory(results: Path, database: "Results", request: Request) -> Path:
+    """Returns where a report is written without --out."""
+    if request.curves is not None:
+        return Path(f"{request.curves.resolve().stem}-report")
+
+    name = "comparison" if request.compare else "report"
+    if names.is_reference(results):  # the shipped results are read-only
+        return Path(f"reference-{name}")
+
+    return database.inside(name)
 
 
 def _check_studies(study: Sequence[str]) -> None:
@@ -176,13 +198,29 @@ def _report_if_possible(database: "Results", out: Path, request: Request) -> Non
 def _report(database: "Results", out: Path, request: Request) -> None:
     """Writes a report and prints what it says first: verdicts, tables and notes."""
     from jbench.report.report import write_report
-    from jbench.report.tables import tables
-    from jbench.report.verdict_matrices import verdict_matrices
-    from jbench.store.query import records
 
     output.if_stopped(partial(kept_report, out))
     written = write_report(None if request.curves else database, out, request)
     frames = written.frames
+    _print_tables(frames)
+    for note in written.notes:
+        output.say(f"Note: {note}")
+
+    output.say(frames.headline)
+    page = out / names.PAGE
+    output.say(f"Wrote {len(written.files)} files to {page.parent}; open {page} in a browser.")
+    if output.is_json:
+        output.document(_document(written))
+
+    output.warn_of_damage(frames.problems, repair_hint(database.name))
+
+
+def _print_tables(frames: "Frames") -> None:
+    """Prints the tables that answer what was asked."""
+    from jbench.report.tables import tables
+    from jbench.report.verdict_matrices import verdict_matrices
+
+    request = frames.request
     asked = {"comparisons", "claims"}
     if not request.compare:
         asked.update(["final_returns", "verdicts"])
@@ -196,21 +234,19 @@ def _report(database: "Results", out: Path, request: Request) -> None:
         elif table.name in asked:
             output.frame(table.title, table.texts(), table.spare)
 
-    for note in written.notes:
-        output.say(f"Note: {note}")
 
-    output.say(frames.headline)
-    page = out / names.PAGE
-    output.say(f"Wrote {len(written.files)} files to {page.parent}; open {page} in a browser.")
-    if output.is_json:
-        shown = ["configurations", "verdicts", "comparisons"]
-        if request.claims:
-            shown.append("claims")
-        entries = {name: records(getattr(frames, name)) for name in shown}
-        about = {"files": written.files, "notes": written.notes, "problems": frames.problems}
-        output.document({"headline": frames.headline, **entries, **about})
+def _document(written: "WrittenReport") -> dict[str, Any]:
+    """Returns what --json prints."""
+    from jbench.store.query import records
 
-    output.warn_of_damage(frames.problems, repair_hint(database.name))
+    frames = written.frames
+    shown = ["configurations", "verdicts", "comparisons"]
+    if frames.request.claims:
+        shown.append("claims")
+
+    entries = {name: records(getattr(frames, name)) for name in shown}
+    about = {"files": written.files, "notes": written.notes, "problems": frames.problems}
+    return {"headline": frames.headline, **entries, **about}
 
 
 def _print_verdicts(title: str, matrix: "VerdictMatrix") -> None:

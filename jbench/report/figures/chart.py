@@ -1,7 +1,7 @@
 """A figure: panels that are drawn by matplotlib, for the page one by one, for files together."""
 
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -56,37 +56,19 @@ class Chart:
     def figure(self, columns: int | None = None) -> Figure:
         """Returns the figure for a file, as wide as columns of a paper; None for a screen."""
         width = _WIDTHS[columns]
-        across = min(len(self.panels), self.columns)
-        if width < 4:
-            # Words and names beside panels leave no room for a second one, unless there are many.
-            across = 2 if self.minimum < 300 or (self.alike and len(self.panels) > 4) else 1
-
-        down = -(-len(self.panels) // across)
-        usual = 0.68 * min(width / across, 4)
+        across = self._across(width)
         titles = [_wrapped(panel.title, width / across) for panel in self.panels]
-        sizes = [
-            (panel.size[1] if panel.size[1] > 3 else usual) + _LINE * title.count("\n")
-            for panel, title in zip(self.panels, titles, strict=True)
-        ]
-        heights = [max(sizes[row * across : (row + 1) * across]) for row in range(down)]
+        heights = self._heights(titles, across, width)
+
         names = marks.shortened(self.legend, _LEGEND)
-        per_row = max(1, int(width / (0.42 + 0.062 * max(map(len, names), default=1))))
-        legend_rows = -(-len(self.legend) // per_row)
+        longest = max(map(len, names), default=1)
+        names_per_row = max(1, int(width / (0.42 + 0.062 * longest)))
+        legend_rows = -(-len(self.legend) // names_per_row)
+
         with mpl.rc_context(style.PAPER):
             figure = Figure(figsize=(width, sum(heights) + 0.17 * legend_rows + 0.1))
-            grid = figure.subplots(down, across, squeeze=False, height_ratios=heights)
-            drawn = zip(grid.flat, self.panels, titles, strict=False)
-            for i, (axes, panel, title) in enumerate(drawn):
-                next(iter(panel.versions.values()))(axes)
-                axes.set_title(title)
-                if self.alike and i % across:
-                    axes.set_ylabel("")
-                if self.alike and i + across < len(self.panels):
-                    axes.set_xlabel("")
-                marks.leave_out_empty(axes)
-
-            for axes in grid.flat[len(self.panels) :]:
-                axes.remove()
+            grid = figure.subplots(len(heights), across, squeeze=False, height_ratios=heights)
+            self._draw(grid.flat, titles, across)
             if self.legend:
                 self._add_legend(figure, names, -(-len(self.legend) // legend_rows))
 
@@ -98,6 +80,46 @@ class Chart:
             collection.set_urls([None])
 
         return figure
+
+    def _across(self, width: float) -> int:
+        """Returns how many panels are side by side in a file of a width in inches."""
+        if width >= 4:
+            return min(len(self.panels), self.columns)
+
+        # Words and names beside panels leave no room for a second one, unless there are many.
+        has_room = self.minimum < 300 or (self.alike and len(self.panels) > 4)
+        return 2 if has_room else 1
+
+    def _heights(self, titles: Sequence[str], across: int, width: float) -> list[float]:
+        """Returns the height of each row of panels in inches."""
+        usual = 0.68 * min(width / across, 4)
+        heights = []
+        for panel, title in zip(self.panels, titles, strict=True):
+            _, height = panel.size
+            shown = height if height > 3 else usual
+            heights.append(shown + _LINE * title.count("\n"))
+
+        return [max(heights[row : row + across]) for row in range(0, len(heights), across)]
+
+    def _draw(self, grid: Iterator[Axes], titles: Sequence[str], across: int) -> None:
+        """Draws the panels into the axes of a grid, and removes the axes that are left."""
+        for place, (panel, title) in enumerate(zip(self.panels, titles, strict=True)):
+            axes = next(grid)
+            draw = next(iter(panel.versions.values()))
+            draw(axes)
+            axes.set_title(title)
+
+            is_left = place % across == 0
+            is_lowest = place + across >= len(self.panels)
+            if self.alike and not is_left:
+                axes.set_ylabel("")
+            if self.alike and not is_lowest:
+                axes.set_xlabel("")
+
+            marks.leave_out_empty(axes)
+
+        for axes in grid:
+            axes.remove()
 
     def _add_legend(self, figure: Figure, names: Sequence[str], columns: int) -> None:
         """Adds the legend above the panels, with these names, in columns."""

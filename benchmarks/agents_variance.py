@@ -12,7 +12,7 @@ from itertools import product
 
 import numpy as np
 
-from jbench.statistics.agents import Agents, components, difference
+from jbench.statistics.agents import Agents, components, deviation_difference
 
 AGENTS = 10
 SHAPES = ("normal", "skewed episodes", "skewed agents", "episodes of unequal variance")
@@ -49,7 +49,7 @@ def main() -> None:
         random, right = np.random.default_rng(0), np.zeros(2)
         for _ in range(repetitions):
             first, second = (draw(random, shape, s, w, episodes) for w in ws)
-            alone, found = components(first), difference(first, second)
+            alone, found = components(first), deviation_difference(first, second)
             right += alone.low <= s <= alone.high, found.low <= 0 <= found.high
         print(f"| {name} | {shape} |", *(f"{one:.1%} |" for one in right / repetitions), flush=True)
 

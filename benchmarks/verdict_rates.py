@@ -14,7 +14,7 @@ import numpy as np
 
 from jbench.statistics import BoolArray
 from jbench.statistics import bootstrap as st
-from jbench.statistics.agents import Agents, difference
+from jbench.statistics.agents import Agents, deviation_difference
 from jbench.statistics.permutation import p_value
 from jbench.statistics.verdicts import ERROR_RATE, Evidence
 
@@ -53,7 +53,7 @@ def verdicts(ours: Agents, theirs: Agents) -> BoolArray:
 
     first, other = (np.abs(side.means - np.median(side.means)) for side in (ours, theirs))
     of_variability = Evidence(
-        partial(difference, ours, theirs), lambda _: p_value([first], [other]), seeds
+        partial(deviation_difference, ours, theirs), lambda _: p_value([first], [other]), seeds
     )
 
     found = []

@@ -13,9 +13,9 @@ from jbench.report.table import (
     Column,
     FrameRow,
     Table,
-    estimate,
     number,
     plain,
+    with_ends,
 )
 from jbench.statistics.verdicts import DECIDING_SEEDS
 from jbench.studies.deciding import MARGIN, margin
@@ -88,7 +88,7 @@ def comparisons_table(frames: Frames) -> Table:
         plain("against", "b"),
         Column("seeds", "seeds_a", "{0[seeds_a]}, {0[seeds_b]}".format, True),
         number("steps", "steps", steps),
-        estimate("probability", "p", ratio),
+        with_ends("probability", "p", ratio),
         number("difference", "difference", signed, ("low", "high")),
         plain("verdict", "text"),
     ]

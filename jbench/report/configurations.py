@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jbench.report.analysis.findings import decide_solved
+from jbench.report.analysis.findings import solved_verdict
 from jbench.report.analysis.scores import seed_scores
 from jbench.report.data.configuration import ID, Configuration, Curves
 from jbench.report.data.curves import Curve, SeedCurve, best_median
@@ -148,7 +148,7 @@ def _statistics(
 
     solved = None
     if seeds and config.has_solved_return:
-        solved = _IS_SOLVED[decide_solved(median, seeds).verdict]
+        solved = _IS_SOLVED[solved_verdict(median, seeds).verdict]
 
     best = None
     if config.returns_name == TRAINING:  # the paper has no other returns

@@ -11,7 +11,7 @@ import pandas as pd
 
 from jbench.report import policies
 from jbench.report.analysis import compare, scores
-from jbench.report.analysis.decisions import StudyComparison, decision_frame, planned_comparisons
+from jbench.report.analysis.decisions import Study, decision_frame, recorded_comparisons
 from jbench.report.analysis.verdicts import verdict_frame
 from jbench.report.configurations import configuration_frame, seed_frame
 from jbench.report.curve_frames import (
@@ -109,9 +109,9 @@ class Frames:
         return policies.specs_by_task(c for c in self._every if c.source != FILE)
 
     @cached_property
-    def _planned(self) -> Sequence[Sequence[StudyComparison]]:
+    def _studies(self) -> Sequence[Study]:
         """The comparisons that the shipped studies plan, and those of the request, by study."""
-        return planned_comparisons(self._trained, files=self.request.study)
+        return recorded_comparisons(self._trained, files=self.request.study)
 
     @cached_property
     def _papers(self) -> pd.DataFrame:
@@ -137,7 +137,7 @@ class Frames:
     @cached_property
     def _findings(self) -> tuple[pd.DataFrame, list[str]]:
         """The tests of the paper's claims, and notes on them."""
-        return tested_claims(self._trained, self._planned, self.source, self.request, self.results)
+        return tested_claims(self._trained, self._studies, self.source, self.request, self.results)
 
     # Sentences.
 
@@ -217,12 +217,12 @@ class Frames:
     @_frame
     def decisions(self) -> pd.DataFrame:
         """The sequential test on the planned comparisons."""
-        return decision_frame(self._planned)
+        return decision_frame(self._studies)
 
     @_frame
     def verdicts(self) -> pd.DataFrame:
         """The verdicts on each representation."""
-        return verdict_frame(self._trained, self.decisions, self._planned)
+        return verdict_frame(self._trained, self.decisions, self._studies)
 
     @_frame
     def comparisons(self) -> pd.DataFrame:

@@ -10,7 +10,7 @@ from jbench.report import policies
 from jbench.report.analysis import compare
 from jbench.report.analysis.claim_frame import claim_frame, published_findings
 from jbench.report.analysis.claims import examine
-from jbench.report.analysis.decisions import StudyComparison
+from jbench.report.analysis.decisions import Study
 from jbench.report.analysis.findings import Finding
 from jbench.report.analysis.scores import Pair
 from jbench.report.data import sources
@@ -120,7 +120,7 @@ def _compared(ours: Source, theirs: Source, request: Request) -> tuple[Source, P
 
 def tested_claims(
     trained: Sequence[Configuration],
-    planned: Sequence[Sequence[StudyComparison]],
+    studies: Sequence[Study],
     source: Source,
     request: Request,
     results: Results | None,
@@ -131,7 +131,7 @@ def tested_claims(
 
     ours: list[Finding] = []
     for kind in RETURNS:
-        ours += examine(with_returns(trained, kind), planned)
+        ours += examine(with_returns(trained, kind), studies)
 
     by_hand, notes = policies.findings(source.tables, request.task, results.name)
     papers = published_findings(request.task, request.algo)

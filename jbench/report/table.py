@@ -150,7 +150,7 @@ def number(
     return column
 
 
-def estimate(title: str, key: str, form: Form = whole, note: str = "") -> Column:
+def with_ends(title: str, key: str, form: Form = whole, note: str = "") -> Column:
     """Returns a column of numbers with their intervals, whose ends are …_low and …_high."""
     return number(title, key, form, (f"{key}_low", f"{key}_high"), note)
 

@@ -25,9 +25,9 @@ from jbench.report.table import (
     Column,
     FrameRow,
     Table,
-    estimate,
     number,
     plain,
+    with_ends,
 )
 from jbench.returns import TRAINING
 from jbench.statistics.verdicts import DECIDING_SEEDS
@@ -135,15 +135,15 @@ def _final_returns_columns(frames: Frames) -> list[Column]:
         number("draws", "draws", _count, note="Draws: encoders that were trained for these seeds."),
         RANGE,
         number("diverged", "diverged", _count, note=_DIVERGED),
-        estimate("median", "median"),
-        estimate("IQM", "iqm", note="IQM: mean without the lowest and highest quarter of seeds."),
-        estimate(
+        with_ends("median", "median"),
+        with_ends("IQM", "iqm", note="IQM: mean without the lowest and highest quarter of seeds."),
+        with_ends(
             "over the run",
             "over_run",
             note="Over the run: IQM of the mean return from the first to the last control step at "
             "which all seeds have returns; it compares agents for which these are the same.",
         ),
-        estimate(
+        with_ends(
             "s", "s", note="s: standard deviation between agents, without that of the episodes."
         ),
         number(
@@ -152,7 +152,7 @@ def _final_returns_columns(frames: Frames) -> list[Column]:
             note="Detectable: smallest difference that these seeds would show.",
         ),
         Column(f"reach {SOLVED_RETURN}", "reached", "{0[reached]} of {0[seeds]}".format, True),
-        estimate(
+        with_ends(
             f"steps to {SOLVED_RETURN}",
             "solved_steps",
             steps,

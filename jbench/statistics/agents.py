@@ -86,7 +86,7 @@ def _root(square: float) -> float:
     return float(np.sqrt(max(square, 0)))
 
 
-def difference(ours: Agents, theirs: Agents, confidence: float = 0.95) -> Estimate:
+def deviation_difference(ours: Agents, theirs: Agents, confidence: float = 0.95) -> Estimate:
     """Returns the difference of two configurations in s, ours minus theirs; NaN if it is unknown.
 
     The interval combines the two intervals of s (G. Y. Zou, A. Donner, *Construction of confidence

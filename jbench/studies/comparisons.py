@@ -6,7 +6,12 @@ from jbench.errors import RequestError
 from jbench.names import MAX_SEEDS
 from jbench.studies.entries import Entry, read_entries
 from jbench.studies.matrix import Parts, read_matrix
-from jbench.studies.study import PlannedComparison, chosen, planned, with_baselines
+from jbench.studies.study import (
+    PlannedComparison,
+    chosen,
+    default_comparisons,
+    listed_comparisons,
+)
 
 
 def comparisons(
@@ -23,9 +28,9 @@ def comparisons(
     have not exactly one pair of arms for an entry.
     """
     if entries:
-        return chosen(planned(parts, entries, max_seeds), typed, listed=True)
+        return chosen(listed_comparisons(parts, entries, max_seeds), typed, listed=True)
 
-    every = with_baselines(parts, max_seeds)
+    every = default_comparisons(parts, max_seeds)
     if not every:
         raise RequestError(
             "No two configurations of this matrix differ only in a representation and full, "
@@ -47,4 +52,4 @@ def file_comparisons(name: str) -> list[PlannedComparison]:
 def check_comparisons(name: str) -> None:
     """Raises a RequestError if a matrix file lists a comparison that is invalid, or of no runs."""
     if entries := read_entries(name):
-        planned(read_matrix(name), entries)
+        listed_comparisons(read_matrix(name), entries)

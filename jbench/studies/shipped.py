@@ -6,7 +6,7 @@ from functools import cache
 from jbench.names import SWEEPS
 from jbench.studies.entries import Entry, read_entries
 from jbench.studies.matrix import read_matrix
-from jbench.studies.study import PlannedComparison, planned
+from jbench.studies.study import PlannedComparison, listed_comparisons
 
 
 def shipped_studies(tasks: Collection[str] | None = None) -> dict[str, list[PlannedComparison]]:
@@ -32,4 +32,4 @@ def _shipped_entries(name: str) -> dict[str, Entry]:
 @cache
 def _shipped_study(name: str) -> list[PlannedComparison]:
     """Returns the comparisons of a shipped file with their arms."""
-    return planned(read_matrix(name), _shipped_entries(name))
+    return listed_comparisons(read_matrix(name), _shipped_entries(name))

@@ -59,7 +59,7 @@ class PlannedComparison:
         return [*ours, *(f"{first}/{second}" for first, second in product(ours, theirs))]
 
 
-def planned(
+def listed_comparisons(
     parts: Parts, entries: Mapping[str, Entry], max_seeds: int = MAX_SEEDS
 ) -> list[PlannedComparison]:
     """Returns the comparisons that a file lists, with the arms of its parts.
@@ -89,11 +89,12 @@ def planned(
     return listed
 
 
-def with_baselines(parts: Parts, max_seeds: int = MAX_SEEDS) -> list[PlannedComparison]:
-    """Returns a comparison of each reduced representation with each baseline of the same features.
+def default_comparisons(parts: Parts, max_seeds: int = MAX_SEEDS) -> list[PlannedComparison]:
+    """Returns the comparisons of a file without a list: reduced representations with baselines.
 
-    As in a report, `raw` is a baseline where nothing observes `full`. Each comparison has the whole
-    error rate: whoever chooses some of them divides it; see `chosen`.
+    A baseline has the same features. As in a report, `raw` is a baseline where nothing observes
+    `full`. Each comparison has the whole error rate: whoever chooses some of them divides it; see
+    `chosen`.
     """
     every = _different(parts)
 

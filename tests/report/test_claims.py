@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jbench.report.analysis.claims import examine, examine_solving
-from jbench.report.analysis.findings import Decided, decide
+from jbench.report.analysis.findings import ClaimVerdict, claim_verdict
 from jbench.report.data.untrained import random_return
 from jbench.statistics.bootstrap import Estimate
 
@@ -137,5 +137,5 @@ def test_cells_of_other_robots_or_algorithms_are_not_compared(fabric):
 def test_seeds_needed_for_ratio_use_its_logarithm():
     # ln 0.8 = -0.223 of a standard error of 0.2 / 0.8 = 0.25: (2.8016 * 0.25 / 0.223)^2 = 9.85.
     effect = Estimate(0.8, 0.5, 1.2, 0.2)
-    decided = decide(effect, 10, 1.0, logarithmic=True)
-    assert decided == Decided("undecided", 99, "80% power")
+    decided = claim_verdict(effect, 10, 1.0, logarithmic=True)
+    assert decided == ClaimVerdict("undecided", 99, "80% power")

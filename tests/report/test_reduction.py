@@ -6,7 +6,7 @@ import pytest
 import scipy.stats
 
 from jbench.report.analysis.claims import examine
-from jbench.report.analysis.decisions import decision_frame, planned_comparisons
+from jbench.report.analysis.decisions import decision_frame, recorded_comparisons
 from jbench.report.analysis.judging import Comparison, judge
 from jbench.report.analysis.verdicts import verdict_frame
 from jbench.report.encoders import prediction_frame, return_frame
@@ -35,7 +35,7 @@ def verdicts(fabric):
     """Returns the verdicts by representation, baseline and claim."""
     configurations = fabric.configurations()[0]
     rows = verdict_frame(
-        configurations, decision_frame(planned_comparisons(configurations))
+        configurations, decision_frame(recorded_comparisons(configurations))
     ).to_dict("records")
     return {(row["representation"], row["against"], row["claim"]): row for row in rows}
 

@@ -14,7 +14,7 @@ import pytest
 from jbench.report import numbers
 from jbench.report.frames import Frames
 from jbench.report.latex import to_latex
-from jbench.report.table import Table, estimate, number, plain, to_csv, to_markdown
+from jbench.report.table import Table, number, plain, to_csv, to_markdown, with_ends
 from jbench.report.tables import tables
 from jbench.report.texts import clean
 
@@ -26,7 +26,7 @@ def table(columns=None, **values):
 
 
 PLAIN = table(
-    [plain("task"), estimate("median", "median"), number("n", "n", str)],
+    [plain("task"), with_ends("median", "median"), number("n", "n", str)],
     task=["a_b", "c|d"],
     median=[668.2, np.nan],
     median_low=[659.0, np.nan],
@@ -145,7 +145,7 @@ def test_latex_table_of_long_names_fits_the_columns_of_a_paper(tmp_path, paper):
         plain("algorithm"),
         plain("representation"),
         number("seeds", "seeds", str),
-        estimate("median", "median"),
+        with_ends("median", "median"),
     ]
     made = table(
         columns,
@@ -257,7 +257,7 @@ def test_policies_stand_beside_agents_and_labels_apart_from_algorithms_of_the_pa
 )
 def test_number_is_written_with_interval(row, printed):
     values = dict(zip(("x", "x_low", "x_high"), row, strict=True))
-    assert estimate("x", "x").text(values) == printed
+    assert with_ends("x", "x").text(values) == printed
 
 
 @pytest.mark.parametrize(
@@ -317,4 +317,4 @@ def test_small_numbers_have_two_digits():
 def test_steps_are_abbreviated(steps, printed):
     assert numbers.steps(steps) == printed
     values = {"x": steps, "x_low": steps, "x_high": math.inf}
-    assert estimate("x", "x", numbers.steps).text(values) == f"{printed} [{printed}, later]"
+    assert with_ends("x", "x", numbers.steps).text(values) == f"{printed} [{printed}, later]"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from jbench.statistics.agents import Agents, components, difference, smallest_difference
+from jbench.statistics.agents import Agents, components, deviation_difference, smallest_difference
 
 
 def agents_from(returns):
@@ -46,7 +46,7 @@ def test_negative_estimate_is_kept_and_deviation_is_zero():
 def test_single_agents_and_episodes_have_no_components():
     for unknown in ([[1], [2, 3]], [[1, 2]], []):
         assert np.isnan(components(agents_from(unknown))).all()
-        assert np.isnan(difference(THREE, agents_from(unknown))).all()
+        assert np.isnan(deviation_difference(THREE, agents_from(unknown))).all()
 
 
 def test_unequal_numbers_of_episodes_have_fewer_degrees_of_freedom():
@@ -72,14 +72,14 @@ def test_interval_covers_deviation_of_simulated_agents(s, episodes):
 def test_difference_is_found_and_equal_agents_are_not_different():
     random = np.random.default_rng(3)
     steady, varying = (agents_from(draw(random, 20, 100, s, 100)) for s in (20, 100))
-    estimated = difference(varying, steady)
+    estimated = deviation_difference(varying, steady)
     assert estimated.value == pytest.approx(80, abs=40)
     assert 0 < estimated.low < estimated.value < estimated.high
-    wider = difference(varying, steady, confidence=0.999)
+    wider = deviation_difference(varying, steady, confidence=0.999)
     assert wider.low < estimated.low < estimated.high < wider.high
-    swapped = difference(steady, varying)
+    swapped = deviation_difference(steady, varying)
     assert swapped[:3] == pytest.approx((-estimated.value, -estimated.high, -estimated.low))
-    assert difference(steady, steady).value == 0
+    assert deviation_difference(steady, steady).value == 0
 
 
 def test_smallest_difference_agrees_with_tables_of_power():

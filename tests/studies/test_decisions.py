@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from jbench.cli import main
-from jbench.report.analysis.decisions import decision_frame, planned_comparisons
+from jbench.report.analysis.decisions import decision_frame, recorded_comparisons
 from jbench.studies.deciding import decide
 from jbench.studies.entries import read_entries
 from jbench.studies.matrix import read_matrix
-from jbench.studies.study import planned
+from jbench.studies.study import listed_comparisons
 from jbench.sweeps.cell import matrix_cells
 from jbench.sweeps.outcomes import next_cells, outcomes
 from tests.report.conftest import FabricatedResults, evaluations
@@ -53,14 +53,14 @@ def decided(tmp_path):
         file = tmp_path / "study.toml"
         file.write_text(STUDY.format(claim=claim))
         parts = read_matrix(str(file))
-        comparisons = planned(parts, read_entries(str(file)))
+        comparisons = listed_comparisons(parts, read_entries(str(file)))
         cells = matrix_cells(parts, fabric.results)
         for cell in cells:
             for run in cell.runs:
                 fill(fabric.results, run, cell.representation == "planar")
         (outcome,) = outcomes(comparisons, cells, fabric.results)
         configurations = [c for kind in ("training", "evaluation") for c in _all(fabric, kind)]
-        rows = decision_frame(planned_comparisons(configurations, {"study": comparisons}))
+        rows = decision_frame(recorded_comparisons(configurations, {"study": comparisons}))
         return outcome, rows.to_dict("records")
 
     return both

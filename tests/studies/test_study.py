@@ -10,7 +10,7 @@ from jbench.studies.arms import arms, run_key
 from jbench.studies.entries import read_entries
 from jbench.studies.matrix import only, read_matrix
 from jbench.studies.shipped import shipped_studies
-from jbench.studies.study import planned, with_baselines
+from jbench.studies.study import default_comparisons, listed_comparisons
 
 STUDY = """
 tasks = ["face_direction"]
@@ -49,7 +49,7 @@ def file(tmp_path):
 
 
 def plan(name):
-    return planned(read_matrix(name), read_entries(name))
+    return listed_comparisons(read_matrix(name), read_entries(name))
 
 
 EACH = '{ representation = "pca3", encoder.seed = "each" }'
@@ -167,7 +167,7 @@ def test_without_a_list_representations_are_compared_with_baselines_of_their_fea
     )
     pairs = {
         (comparison.first.representation, comparison.second.representation)
-        for comparison in with_baselines(read_matrix(str(file)))
+        for comparison in default_comparisons(read_matrix(str(file)))
     }
     assert pairs == {
         ("pca3", "full"),
@@ -178,7 +178,7 @@ def test_without_a_list_representations_are_compared_with_baselines_of_their_fea
 
 @pytest.mark.parametrize("figure", ["fig7", "fig8"])
 def test_raw_is_the_baseline_where_nothing_observes_full(figure):
-    (comparison,) = with_baselines(read_matrix(figure))
+    (comparison,) = default_comparisons(read_matrix(figure))
     assert comparison.first.representation.startswith("dae12-")
     assert comparison.second.representation.startswith("raw")
 
@@ -199,7 +199,7 @@ def test_parts_that_repeat_an_arm_plan_its_comparison_once(tmp_path):
         representations = ["full", "ofe12"]
         [[part]]
     """)
-    planned_once = [one.first.representation for one in with_baselines(read_matrix(str(file)))]
+    planned_once = [one.first.representation for one in default_comparisons(read_matrix(str(file)))]
     assert planned_once == ["pca3", "ofe12"]
 
 
@@ -212,4 +212,4 @@ def test_parts_that_differ_in_evaluations_alone_do_not_decide(tmp_path):
     )
     says = r"part 2: full of td3 on face_direction is also in .*part 1, with other evaluations;"
     with pytest.raises(RequestError, match=says):
-        with_baselines(read_matrix(str(file)))
+        default_comparisons(read_matrix(str(file)))

@@ -2,15 +2,15 @@
 
 from collections.abc import Iterator, Sequence
 
-from jbench.report.analysis.decisions import StudyComparison
+from jbench.report.analysis.decisions import Study
 from jbench.report.analysis.scores import Pair
 from jbench.report.data.configuration import Configuration, differing_in
 from jbench.representation_names import FULL, features_in, kind_in
 from jbench.studies.study import BASELINES, RAW, SCALED
 
 
-def with_baselines(
-    configurations: Sequence[Configuration], planned: Sequence[Sequence[StudyComparison]] = ()
+def baseline_pairs(
+    configurations: Sequence[Configuration], studies: Sequence[Study] = ()
 ) -> Iterator[Pair]:
     """Yields the pairs of each representation with each of its baselines.
 
@@ -20,7 +20,7 @@ def with_baselines(
     """
     named = {
         (first.configuration, second.configuration)
-        for study in planned
+        for study in studies
         for one in study
         for kind, first in one.first.items()
         if (second := one.second.get(kind)) is not None

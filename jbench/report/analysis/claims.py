@@ -11,8 +11,8 @@ from itertools import product
 
 import numpy as np
 
-from jbench.report.analysis.baselines import with_baselines
-from jbench.report.analysis.decisions import StudyComparison
+from jbench.report.analysis.baselines import baseline_pairs
+from jbench.report.analysis.decisions import Study
 from jbench.report.analysis.findings import (
     FASTER,
     GAINS_MORE,
@@ -21,10 +21,10 @@ from jbench.report.analysis.findings import (
     SIMILAR_RETURN,
     SOLVED,
     VARIES_LESS,
-    Decided,
+    ClaimVerdict,
     Finding,
-    decide,
-    decide_solved,
+    claim_verdict,
+    solved_verdict,
 )
 from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, seed_scores
 from jbench.report.data.configuration import Configuration, differing_in
@@ -74,7 +74,7 @@ _PAIR_TESTS = {
 
 
 def examine(
-    configurations: Sequence[Configuration], planned: Sequence[Sequence[StudyComparison]] = ()
+    configurations: Sequence[Configuration], studies: Sequence[Study] = ()
 ) -> Iterator[Finding]:
     """Yields findings on all claims on agents, from configurations of one kind of return.
 
@@ -85,7 +85,7 @@ def examine(
     plain = [config for config in configurations if not config.robots]
     reduced = [
         pair
-        for pair in with_baselines(plain, planned)
+        for pair in baseline_pairs(plain, studies)
         if _is_reduced(pair.ours.representation)
         and kind_in(pair.theirs.representation) in (FULL, RAW)
     ]
@@ -118,7 +118,7 @@ def examine_solving(claim: str, compared: str, returns: FloatArray) -> Finding:
     """Returns the finding on a solved task, from final returns (seeds,) or those of episodes."""
     effect = st.estimate(st.median, [returns])
     count = len(returns)
-    return Finding(claim, compared, effect, count, decide_solved(effect, count))
+    return Finding(claim, compared, effect, count, solved_verdict(effect, count))
 
 
 def _is_reduced(representation: str) -> bool:
@@ -175,7 +175,7 @@ def _on_pair(claim: str, pair: Pair, baseline: str) -> Finding:
         high = margin(pair.ours.task)
         low = -high
 
-    decided = decide(
+    decided = claim_verdict(
         supporting, pair.seeds, low, high, outer=contradicting, logarithmic=test.is_ratio
     )
     returns, source, at, remark = _common(*pair.sides)
@@ -241,7 +241,7 @@ def _on_gain(harder: Pair, easier: Pair) -> Finding:
         compared=f"{words}: {_HARDER} against {_EASIER}",
         effect=effect,
         seeds=seeds,
-        decided=Decided() if untested else decide(effect, seeds, 0),
+        decided=ClaimVerdict() if untested else claim_verdict(effect, seeds, 0),
         returns=returns,
         source=source,
         steps=min(harder.control_steps, easier.control_steps),

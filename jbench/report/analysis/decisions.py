@@ -13,7 +13,7 @@ from jbench.report.data.configuration import ID, Configuration
 from jbench.returns import EVALUATION, TRAINING
 from jbench.studies.arms import Arm, run_key
 from jbench.studies.comparisons import file_comparisons
-from jbench.studies.deciding import compared_return, decide
+from jbench.studies.deciding import Returns, compared_return, decide
 from jbench.studies.entries import Claim
 from jbench.studies.quantities import QUANTITIES, SPEED
 from jbench.studies.shipped import shipped_studies
@@ -39,8 +39,8 @@ ByKind = Mapping[ReturnsName, Configuration]
 
 
 @dataclass(frozen=True)
-class StudyComparison:
-    """A comparison that a study plans, with the configurations of its arms.
+class RecordedComparison:
+    """A planned comparison with the configurations that were recorded of its arms.
 
     Attributes:
         study: name of its file.
@@ -60,12 +60,24 @@ class StudyComparison:
                 return kind
         return None
 
+    @property
+    def returns(self) -> tuple[Returns, Returns]:
+        """What is compared of the runs of both arms."""
+        claim = self.comparison.claim
+        first = _returns(self.first, self.comparison.first, claim)
+        second = _returns(self.second, self.comparison.second, claim)
+        return first, second
 
-def planned_comparisons(
+
+Study = Sequence[RecordedComparison]
+"""The comparisons of a study, which share its error rate."""
+
+
+def recorded_comparisons(
     configurations: Sequence[Configuration],
     studies: Mapping[str, Sequence[PlannedComparison]] | None = None,
     files: Iterable[str] = (),
-) -> list[list[StudyComparison]]:
+) -> list[Study]:
     """Returns the comparisons of studies by name, once for each source of runs.
 
     Without studies, they are the shipped ones on the tasks of the configurations, and those of
@@ -75,12 +87,13 @@ def planned_comparisons(
         shipped = shipped_studies({config.task for config in configurations})
         own = {Path(file).stem: file_comparisons(file) for file in files}
         studies = {**shipped, **own}
-    found = []
+
+    found: list[Study] = []
     for source in dict.fromkeys(config.source for config in configurations):
         by_key = _by_key([config for config in configurations if config.source == source])
         for study, comparisons in studies.items():
             matched = [
-                StudyComparison(
+                RecordedComparison(
                     study, one, by_key.get(one.first.key, {}), by_key.get(one.second.key, {})
                 )
                 for one in comparisons
@@ -112,7 +125,7 @@ def _by_key(configurations: Iterable[Configuration]) -> dict[str, ByKind]:
     return by_key
 
 
-def decision_frame(planned: Sequence[Sequence[StudyComparison]]) -> pd.DataFrame:
+def decision_frame(studies: Sequence[Study]) -> pd.DataFrame:
     """Returns the decisions of the group-sequential test on the comparisons of studies.
 
     These are the comparisons of `jbench sweep STUDY --until-decided` that have a block of seeds.
@@ -120,33 +133,31 @@ def decision_frame(planned: Sequence[Sequence[StudyComparison]]) -> pd.DataFrame
     each study has for itself. against_words are the settings of the second side that differ from
     the defaults.
     """
-    rows = [row for study in planned for row in _decided(study)]
+    rows = [row for study in studies for row in _decided(study)]
     return pd.DataFrame(rows, columns=DECISIONS)
 
 
-def _decided(study: Sequence[StudyComparison]) -> Iterator[dict[str, Any]]:
+def _decided(study: Study) -> Iterator[dict[str, Any]]:
     """Yields a row for each comparison of a study that has a block of seeds."""
-    comparisons = [planned.comparison for planned in study]
-    returns = [
-        (
-            _returns(planned.first, planned.comparison.first, planned.comparison.claim),
-            _returns(planned.second, planned.comparison.second, planned.comparison.claim),
-        )
-        for planned in study
-    ]
-    for planned, decision in zip(study, decide(comparisons, returns), strict=True):
-        if planned.kind is not None and decision.seeds:
-            first, second = planned.first[planned.kind], planned.second[planned.kind]
-            yield {
-                **first.identity,
-                **decision._asdict(),
-                "study": planned.study,
-                "claim": planned.comparison.claim,
-                "baseline": second.configuration,
-                "against": second.identity["representation"],
-                "against_words": second.words,
-                "verdict": QUANTITIES[planned.comparison.claim].word(decision.verdict),
-            }
+    comparisons = [one.comparison for one in study]
+    returns = [one.returns for one in study]
+    for one, decision in zip(study, decide(comparisons, returns), strict=True):
+        if one.kind is None or not decision.seeds:
+            continue
+
+        first = one.first[one.kind]
+        second = one.second[one.kind]
+        claim = one.comparison.claim
+        yield {
+            **first.identity,
+            **decision._asdict(),
+            "study": one.study,
+            "claim": claim,
+            "baseline": second.configuration,
+            "against": second.identity["representation"],
+            "against_words": second.words,
+            "verdict": QUANTITIES[claim].word(decision.verdict),
+        }
 
 
 def _returns(by_kind: ByKind, arm: Arm, claim: Claim) -> dict[int, float | None]:

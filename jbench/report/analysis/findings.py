@@ -1,4 +1,9 @@
-"""Findings of runs on a claim of the paper: effect, verdict, and the seeds that would decide it."""
+"""Findings of runs on a claim of the paper: effect, verdict, and the seeds that would decide it.
+
+A claim has a rule of its own, `claim_verdict`, not that of `statistics.verdicts`: its test was
+fixed before there were data, so it has the whole error rate, and it says that an effect, which may
+be a ratio or a median, lies between two numbers.
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -25,7 +30,7 @@ SOLVED_BY_HAND = "h"
 
 
 @dataclass(frozen=True)
-class Decided:
+class ClaimVerdict:
     """The verdict on a claim, and how many seeds would decide it.
 
     Attributes:
@@ -57,7 +62,7 @@ class Finding:
     compared: str
     effect: st.Estimate
     seeds: int
-    decided: Decided
+    decided: ClaimVerdict
     returns: str = EVALUATION
     source: str = OWN
     steps: int | None = None
@@ -84,7 +89,7 @@ class Finding:
         }
 
 
-def decide(
+def claim_verdict(
     effect: st.Estimate,
     seeds: int,
     low: float = -np.inf,
@@ -92,7 +97,7 @@ def decide(
     *,
     outer: st.Estimate | None = None,
     logarithmic: bool = False,
-) -> Decided:
+) -> ClaimVerdict:
     """Returns the verdict on a claim that an effect is between two numbers, and the seeds needed.
 
     Args:
@@ -103,9 +108,9 @@ def decide(
     against = outer or effect
     if seeds >= DECIDING_SEEDS:
         if effect.low > low and (effect.high < high or np.isinf(high)):
-            return Decided("supported")
+            return ClaimVerdict("supported")
         if against.high < low or against.low > high:
-            return Decided("contradicted")
+            return ClaimVerdict("contradicted")
 
     distance = min(effect.value - low, high - effect.value)
     error = effect.standard_error
@@ -115,13 +120,14 @@ def decide(
 
     needed = seeds_to_decide(distance, error, seeds)
     if needed is None:
-        return Decided()
+        return ClaimVerdict()
     if seeds < DECIDING_SEEDS and needed <= DECIDING_SEEDS:
-        return Decided(seeds_needed=DECIDING_SEEDS, seeds_needed_by="six-seed rule")
+        return ClaimVerdict(seeds_needed=DECIDING_SEEDS, seeds_needed_by="six-seed rule")
 
-    return Decided(seeds_needed=needed, seeds_needed_by="80% power")
+    return ClaimVerdict(seeds_needed=needed, seeds_needed_by="80% power")
 
 
-def decide_solved(median: st.Estimate, seeds: int) -> Decided:
-    """Returns the verdict on a median return of `SOLVED_RETURN` or more; see `decide`."""
-    return decide(median, seeds, SOLVED_RETURN - 1e-9)  # a median of exactly 900 solves a task
+def solved_verdict(median: st.Estimate, seeds: int) -> ClaimVerdict:
+    """Returns the verdict on a median return of `SOLVED_RETURN` or more; see `claim_verdict`."""
+    just_below = SOLVED_RETURN - 1e-9  # a median of exactly 900 solves a task
+    return claim_verdict(median, seeds, just_below)

@@ -21,7 +21,7 @@ from jbench.report.data.source_names import FILE, IMPORTED
 from jbench.returns import EVALUATION
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
-from jbench.statistics.agents import difference
+from jbench.statistics.agents import deviation_difference
 from jbench.statistics.permutation import p_value
 from jbench.statistics.verdicts import Evidence
 from jbench.task_specs import return_range
@@ -149,7 +149,7 @@ class Pair:
     def agents_difference(self, confidence: float = 0.95) -> st.Estimate:
         """Returns the difference of the standard deviations between agents."""
         ours, theirs = (side.agents for side in self.scores)
-        return difference(ours, theirs, confidence)
+        return deviation_difference(ours, theirs, confidence)
 
 
 def ranges(configurations: Iterable[Configuration]) -> dict[str, Range]:

@@ -14,8 +14,8 @@ from typing import Any
 import pandas as pd
 
 from jbench.names import RETURNS
-from jbench.report.analysis.baselines import with_baselines
-from jbench.report.analysis.decisions import StudyComparison
+from jbench.report.analysis.baselines import baseline_pairs
+from jbench.report.analysis.decisions import Study
 from jbench.report.analysis.judging import SEQUENTIAL, Comparison, Judgment, judge
 from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair
 from jbench.report.data.configuration import ID, Configuration, with_returns
@@ -47,7 +47,7 @@ _KEYS = ["configuration", "baseline", "claim", "returns"]
 def verdict_frame(
     configurations: Sequence[Configuration],
     decisions: pd.DataFrame,
-    planned: Sequence[Sequence[StudyComparison]] = (),
+    studies: Sequence[Study] = (),
 ) -> pd.DataFrame:
     """Returns the verdicts on each reduced representation, and on `scaled`, the effect of scaling.
 
@@ -64,7 +64,7 @@ def verdict_frame(
     for kind in RETURNS:
         asked = [
             _comparison(quantity, pair)
-            for pair in with_baselines(with_returns(configurations, kind), planned)
+            for pair in baseline_pairs(with_returns(configurations, kind), studies)
             for quantity in QUANTITIES.values()
             if quantity is not VARIABILITY or _has_enough_seeds(pair)
         ]

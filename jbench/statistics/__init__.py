@@ -1,4 +1,4 @@
-"""The statistics of jbench's comparisons: bootstrap, variance components, sequential tests."""
+"""The statistics of jbench's comparisons: intervals, verdicts, sequential tests."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -87,6 +87,9 @@ def _earliest_verdict(
 ) -> Verdict | None:
     """Returns the first verdict that is reached at all rates up to an interim analysis.
 
+    Where one analysis finds a direction and equality within the margin, it is the direction, unlike
+    in `verdicts.Evidence.verdict`.
+
     Args:
         reached: interim analysis at which a verdict is reached at a rate; else 0.
         rates: two-sided; the verdict that the first of them reaches earliest is returned.

@@ -200,13 +200,14 @@ def _without_episodes(finding: Finding, pair: Pair) -> Finding:
     """
     decided = finding.decided
     remark = finding.remark
-    value, low, high, _ = pair.agents_difference()
+    evidence = pair.variability()
+    value, low, high, _ = evidence.estimate(0.95)
     reason = ""
     if not {"supported": low > 0, "contradicted": high < 0}.get(decided.verdict, True):
         interval = f"difference {with_interval(signed, value, (low, high))}"
         reason = f"of the agents alone: {interval if np.isfinite(value) else 'unknown'}"
     elif decided.verdict != "undecided":
-        p_value = pair.p_value_of_variability()
+        p_value = evidence.p_value(0.0)
         if p_value > ERROR_RATE:
             reason = f"not confirmed by a permutation test: p = {p_value:.2g}"
 

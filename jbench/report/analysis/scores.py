@@ -5,7 +5,7 @@ the highest return of a task, over all its runs and points. Tasks of dm_control 
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -113,43 +113,51 @@ class Pair:
         groups = ([getattr(side, scores)] for side in self.scores)
         return st.samples([statistic], *groups)[0]
 
-    def p_value(self, scores: str = "final", shift: float = 0.0) -> float:
-        """Returns the p-value of the difference of means, by permutation.
+    def difference(self, scores: str = "final", margin: float = 0.0) -> Evidence:
+        """Returns the evidence of a difference of interquartile means, tested by that of means.
 
         Args:
             scores: `final`, or `area`.
-            shift: added to the scores of the first configuration.
+            margin: within which both are equal; 0 if they never are.
         """
+        sample = self.sample(IQM_DIFFERENCE, scores)
         ours, theirs = (getattr(side, scores) for side in self.scores)
-        return p_value([ours + shift], [theirs])
-
-    def p_value_of_variability(self) -> float:
-        """Returns the p-value of the difference in variability, by permutation.
-
-        It compares mean absolute deviations from the median of each configuration, which a failed
-        seed moves less than a variance (M. B. Brown, A. B. Forsythe, *Robust tests for the equality
-        of variances*, J. Am. Stat. Assoc. 69, 1974).
-        """
-        ours, theirs = (np.abs(side.final - np.median(side.final)) for side in self.scores)
-        return p_value([ours], [theirs])
-
-    def improvement(self) -> Evidence:
-        """Returns the evidence of the probability of improvement, tested by permuted ranks."""
-        sample = self.sample(st.probability_of_improvement)
-        first, other = (side.final for side in self.scores)
-        ranks = rankdata(np.concatenate([first, other]))
-        ours, theirs = np.split(ranks, [len(first)])
 
         @cache
-        def p_of_improvement(_: float) -> float:
+        def p_of_shifted(shift: float) -> float:
+            return p_value([ours + shift], [theirs])
+
+        return Evidence(sample.estimate, p_of_shifted, self.seeds, margin)
+
+    def variability(self) -> Evidence:
+        """Returns the evidence of a difference of the standard deviations between agents.
+
+        The test compares mean absolute deviations from the median of each configuration, which a
+        failed seed moves less than a variance (M. B. Brown, A. B. Forsythe, *Robust tests for the
+        equality of variances*, J. Am. Stat. Assoc. 69, 1974).
+        """
+
+        @cache
+        def p_of_difference(_: float) -> float:
+            ours, theirs = (np.abs(side.final - np.median(side.final)) for side in self.scores)
             return p_value([ours], [theirs])
 
-        return Evidence(sample.estimate, p_of_improvement, self.seeds, null_value=0.5)
-
-    def agents_difference(self, confidence: float = 0.95) -> st.Estimate:
-        """Returns the difference of the standard deviations between agents."""
         ours, theirs = (side.agents for side in self.scores)
-        return deviation_difference(ours, theirs, confidence)
+        estimate = partial(deviation_difference, ours, theirs)
+        return Evidence(estimate, p_of_difference, self.seeds)
+
+    def improvement(self) -> Evidence:
+        """Returns the evidence of the probability of improvement, tested by means of ranks."""
+
+        @cache
+        def p_of_difference(_: float) -> float:
+            first, other = (side.final for side in self.scores)
+            ranks = rankdata(np.concatenate([first, other]))
+            ours, theirs = np.split(ranks, [len(first)])
+            return p_value([ours], [theirs])
+
+        sample = self.sample(st.probability_of_improvement)
+        return Evidence(sample.estimate, p_of_difference, self.seeds, null_value=0.5)
 
 
 def ranges(configurations: Iterable[Configuration]) -> dict[str, Range]:

@@ -8,7 +8,6 @@ scaling and reduction together; `scaled` is the observation with the same scalin
 """
 
 from collections.abc import Sequence
-from functools import cache, partial
 from typing import Any
 
 import pandas as pd
@@ -17,12 +16,12 @@ from jbench.names import RETURNS
 from jbench.report.analysis.baselines import baseline_pairs
 from jbench.report.analysis.decisions import Study
 from jbench.report.analysis.judging import SEQUENTIAL, Comparison, Judgment, judge
-from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair
+from jbench.report.analysis.scores import Pair
 from jbench.report.data.configuration import ID, Configuration, with_returns
 from jbench.statistics import bootstrap as st
 from jbench.statistics.verdicts import Evidence
 from jbench.studies.deciding import margin
-from jbench.studies.quantities import FINAL_RETURN, QUANTITIES, SPEED, VARIABILITY, Quantity
+from jbench.studies.quantities import QUANTITIES, SPEED, VARIABILITY, Quantity
 
 VERDICTS = [
     *ID,
@@ -104,15 +103,7 @@ def _comparison(quantity: Quantity, pair: Pair) -> Comparison:
 def _evidence(quantity: Quantity, pair: Pair) -> Evidence:
     """Returns what the seeds of a pair say about a quantity."""
     if quantity is VARIABILITY:
-
-        @cache
-        def p_of_variability(_: float) -> float:
-            return pair.p_value_of_variability()
-
-        return Evidence(pair.agents_difference, p_of_variability, pair.seeds)
-
-    scores = "area" if quantity is SPEED else "final"
-    sample = pair.sample(IQM_DIFFERENCE, scores)
-    p_of_difference = cache(partial(pair.p_value, scores))
-    similar_within = margin(pair.ours.task) if quantity is FINAL_RETURN else 0.0
-    return Evidence(sample.estimate, p_of_difference, pair.seeds, similar_within)
+        return pair.variability()
+    if quantity is SPEED:
+        return pair.difference("area")
+    return pair.difference("final", margin(pair.ours.task))

@@ -11,11 +11,11 @@ import re
 import sys
 from collections.abc import Callable, Collection, Mapping
 from hashlib import sha256
-from importlib.metadata import EntryPoint, entry_points, version
+from importlib.metadata import EntryPoint, version
 from pathlib import Path
 from typing import Any
 
-from jbench import sources
+from jbench import installed, sources
 from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.typed_values import closest
 
@@ -29,14 +29,14 @@ def offered(group: str, pattern: re.Pattern[str], taken: Collection[str]) -> dic
     """Returns the entry points of a group by name, but for invalid names and those of jbench."""
     return {
         point.name: point
-        for point in entry_points(group=group)
+        for point in installed.offered(group)
         if pattern.fullmatch(point.name) and point.name not in taken
     }
 
 
 def load(what: str, point: EntryPoint) -> Any:
     """Returns what an entry point names; raises a WorkError if it can't be, or is named twice."""
-    others = entry_points(group=point.group, name=point.name)
+    others = [other for other in installed.offered(point.group) if other.name == point.name]
     packages = sorted({distribution(other) or other.value for other in others})
     if len(packages) > 1:
         raise WorkError(
@@ -198,7 +198,7 @@ def files_at_hand(name: str, points: Mapping[str, EntryPoint]) -> dict[str, Any]
 
 def where_from(module: str) -> dict[str, str | None]:
     """Returns provenance of an imported module: its distribution, or a checksum of its bytes."""
-    if packages := sources.installed_packages().get(module.partition(".")[0]):
+    if packages := installed.packages().get(module.partition(".")[0]):
         return made_with(packages[0])
     file = getattr(sys.modules[module], "__file__", None)
     return {} if file is None else {"source_sha256": sha256(Path(file).read_bytes()).hexdigest()}

@@ -18,17 +18,12 @@ import json
 import os
 import sys
 from collections.abc import Iterator, Mapping
-from functools import cache
-from importlib.metadata import (
-    Distribution,
-    PackageNotFoundError,
-    distribution,
-    packages_distributions,
-)
+from importlib.metadata import Distribution, PackageNotFoundError, distribution
 from pathlib import Path
 from types import ModuleType
 from weakref import WeakKeyDictionary
 
+from jbench import installed
 from jbench.syntax import CHECKSUM_DIGITS, named_files, syntax_tree, tree_checksum
 
 _INSTALLED = frozenset({"site-packages", "dist-packages"})
@@ -36,20 +31,6 @@ _OURS = "jbench"
 
 
 _known: WeakKeyDictionary[ModuleType, dict[str, str]] = WeakKeyDictionary()
-
-
-def installed_packages() -> Mapping[str, list[str]]:
-    """Returns the distributions of each top-level package that `sys.path` now finds.
-
-    The first call takes a second, as does the first one after a change of `sys.path`.
-    """
-    return _installed_packages(tuple(sys.path))
-
-
-@cache
-def _installed_packages(_search_path: tuple[str, ...]) -> Mapping[str, list[str]]:
-    """Returns the distributions of each installed package; the search path is the cache's key."""
-    return packages_distributions()
 
 
 def source_files(module_name: str) -> dict[str, str]:
@@ -131,7 +112,7 @@ def _is_library(package: str) -> bool:
 
     Its versions are in the provenance, and separate no results.
     """
-    for name in installed_packages().get(package, ()):
+    for name in installed.packages().get(package, ()):
         try:
             found = distribution(name)
         except PackageNotFoundError:
@@ -143,9 +124,9 @@ def _is_library(package: str) -> bool:
 
 def _of_same_distribution(package: str) -> set[str]:
     """Returns the packages that were installed together with one."""
-    installed = installed_packages()
-    mine = set(installed.get(package, ()))
-    return {package, *(name for name, owners in installed.items() if mine.intersection(owners))}
+    packages = installed.packages()
+    mine = set(packages.get(package, ()))
+    return {package, *(name for name, owners in packages.items() if mine.intersection(owners))}
 
 
 def _is_local(found: Distribution) -> bool:

@@ -18,9 +18,13 @@ import traceback
 from functools import partial
 from pathlib import Path
 
+from jbench import installed
 from tests.forking import COMMAND, NUMBER, ROOT, WORKER, WORKER_NAME, forked_worker
 from tests.page_cache import leave_in_page_cache
 from tests.short_episodes import shorten_episodes
+
+TRAINING = frozenset({"train", "train-agent", "sweep", "demo"})
+"""Verbs that start workers."""
 
 
 def _receive_request(channel):
@@ -160,7 +164,8 @@ def _call(target, arguments):
     if target == COMMAND:
         sys.argv = ["jbench", *arguments[0]]
         signal.signal(signal.SIGINT, signal.default_int_handler)
-        workers = _forked_workers()
+        if not TRAINING.isdisjoint(arguments[0][:1]):
+            workers = _forked_workers()
     if target == WORKER and sys.platform == "linux":
         Path("/proc/self/comm").write_text(WORKER_NAME)
     with workers:
@@ -186,7 +191,7 @@ def _forked_workers():
 
 
 def import_all():
-    """Imports all modules of jbench, and those that they import on first use."""
+    """Imports all modules of jbench, those that they import on first use, and what is installed."""
     gc.disable()  # it would take a fifth of the time
     for module in pkgutil.walk_packages([str(ROOT / "jbench")], "jbench."):
         with contextlib.suppress(ImportError):
@@ -196,6 +201,8 @@ def import_all():
     torch.set_num_threads(1)
     # The first optimizer imports torch's compiler.
     torch.optim.Adam([torch.zeros(1, requires_grad=True)])
+    installed.packages()
+    installed.offered("jbench.tasks")
     # Frozen objects are not copied by the garbage collector of a forked process.
     gc.collect()
     gc.freeze()

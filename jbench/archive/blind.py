@@ -198,7 +198,7 @@ class Blinder:
 
     def _has_a_word(self, text: str) -> bool:
         """Returns whether a text has a word that tells who made it, or is the path of a file."""
-        return any(found_in(word, text) for word in self.words) or _PATH.match(text) is not None
+        return any(found_in(self.words, text)) or _PATH.match(text) is not None
 
 
 def _is_public(task: str) -> bool:

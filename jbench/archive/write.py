@@ -207,9 +207,8 @@ def leaks(archive: bytes, words: set[str]) -> Iterator[tuple[str, str]]:
     with zipfile.ZipFile(io.BytesIO(archive)) as content:
         for entry in content.infolist():
             text = "\n".join((entry.filename, *_texts(entry.filename, content.read(entry))))
-            for word in sorted(words):
-                if found_in(word, text):
-                    yield entry.filename, word
+            for word in found_in(sorted(words), text):
+                yield entry.filename, word
 
 
 def _texts(name: str, content: bytes) -> Iterator[str]:

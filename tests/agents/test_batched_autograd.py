@@ -29,10 +29,10 @@ from tests.agents.test_batched_engine import (
     slow,
 )
 from tests.agents.test_plain_updates import assert_equal_parameters, copy_parameters, paired_layers
+from tests.matrices import diagonal
 
 
-@pytest.mark.parametrize("actions", [1, 6])
-@pytest.mark.parametrize("dtype", PRECISION, ids=str)
+@pytest.mark.parametrize(("dtype", "actions"), diagonal([*PRECISION], (1, 6)), ids=str)
 def test_td3_rule_equals_builtin_td3(dtype, actions):
     settings = build_settings("td3")
     own_tensors, own = build_learner("td3", settings, dtype, action_size=actions)

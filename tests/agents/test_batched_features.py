@@ -20,15 +20,13 @@ from tests.agents.test_plain_updates import (
     paired_layers,
     transitions,
 )
+from tests.matrices import diagonal
 
 # As many units as observed numbers replace the observation, and more extend it.
-sizes = pytest.mark.parametrize(
-    "ofe",
-    [
-        OFESettings(units=units, layers=3, standardize_updates=4, learning_rate=1e-3)
-        for units in (SIZE, SIZE + 1)
-    ],
-)
+SIZES = [
+    OFESettings(units=units, layers=3, standardize_updates=4, learning_rate=1e-3)
+    for units in (SIZE, SIZE + 1)
+]
 
 
 def build_learner(algo, ofe, *, stacked=False, actions=1, **changes):
@@ -50,9 +48,7 @@ def twice(batch):
     return Batch(*both, batch.actions.shape[-1])
 
 
-@sizes
-@ACTIONS
-@pytest.mark.parametrize("stacked", [False, True])
+@pytest.mark.parametrize(("ofe", "stacked", "actions"), diagonal(SIZES, (False, True), ACTIONS))
 def test_updates_of_ddpg_and_features_equal_autograd(ofe, stacked, actions):
     learner, seed = build_learner("ddpg", ofe, stacked=stacked, actions=actions)
     plain = PlainDDPGOnFeatures(build_settings("ddpg"), ofe, SIZE, actions)
@@ -79,8 +75,8 @@ def test_updates_of_ddpg_and_features_equal_autograd(ofe, stacked, actions):
     assert_equal_parameters(layers)
 
 
-@sizes
-@ACTIONS
+@pytest.mark.parametrize("ofe", SIZES)
+@pytest.mark.parametrize("actions", ACTIONS)
 @pytest.mark.parametrize("algo", ["td3", "sac"])
 def test_twin_critics_share_features_and_differentiate_through_them(algo, ofe, actions):
     learner, _ = build_learner(algo, ofe, actions=actions)

@@ -165,7 +165,8 @@ class Replayed(Captured):
 @pytest.mark.parametrize(
     ("algo", "options"),
     [
-        *((algo, {}) for algo in ALGORITHMS),
+        ("td3", {}),
+        *(slow(algo, {}) for algo in ALGORITHMS if algo != "td3"),
         *(slow(*case) for case in SCRIPTS.items()),
         ("td3", {"time_limit": "terminal", "precision": "bfloat16"}),
         ("ddpg", {"changes": {"mirror": True, "normalize": "running"}}),

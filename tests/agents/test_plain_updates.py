@@ -14,9 +14,10 @@ from tests.agents.plain_ddpg import PlainDDPG
 from tests.agents.plain_ppo import PlainPPO
 from tests.agents.plain_sac import PlainSAC
 from tests.agents.plain_td3 import PlainTD3
+from tests.matrices import diagonal
 
 SCRIPT = {algo: SETTINGS[algo].bases["script"] for algo in ("ddpg", "ppo", "td3")}
-ACTIONS = pytest.mark.parametrize("actions", [1, 6, 21])
+ACTIONS = (1, 6, 21)
 # The plain version of each off-policy rule, and its networks.
 PLAIN = {
     "ddpg": (PlainDDPG, ["actor", "critic", "actor_target", "critic_target"]),
@@ -101,9 +102,9 @@ CASES = [
 ]
 
 
-@ACTIONS
-@pytest.mark.parametrize(("algo", "changes"), CASES)
-def test_updates_equal_autograd(algo, changes, actions):
+@pytest.mark.parametrize(("case", "actions"), diagonal(CASES, ACTIONS))
+def test_updates_equal_autograd(case, actions):
+    algo, changes = case
     settings = build_settings(algo, **changes)
     _, learner = build_learner(algo, settings, torch.float64, action_size=actions)
     learner.initialize(torch.Generator().manual_seed(1))

@@ -26,6 +26,7 @@ from tests.agents.test_plain_updates import (
     transitions,
 )
 from tests.documentation import code_of
+from tests.matrices import diagonal
 
 RULES = {"ddpg": jbench.rules.DDPG, "td3": jbench.rules.TD3, "sac": jbench.rules.SAC}
 CASES = [
@@ -50,9 +51,9 @@ def own_networks(algo, rule):
     return rule
 
 
-@pytest.mark.parametrize("actions", [1, 6])
-@pytest.mark.parametrize(("algo", "changes"), CASES)
-def test_unchanged_subclass_makes_the_updates_of_the_plain_version(algo, changes, actions):
+@pytest.mark.parametrize(("case", "actions"), diagonal(CASES, (1, 6)))
+def test_unchanged_subclass_makes_the_updates_of_the_plain_version(case, actions):
+    algo, changes = case
     settings = build_settings(algo, **changes)
     plain = PLAIN[algo][0](settings, SIZE, actions)
     _, (learner,), _ = learners(subclass(algo), settings, torch.float64, actions=actions)

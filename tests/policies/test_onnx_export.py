@@ -182,12 +182,17 @@ def test_every_kind_of_layer_is_in_a_tested_policy():
 
 @pytest.mark.parametrize("policy", POLICIES.values(), ids=POLICIES)
 def test_every_layer_type_is_exported(policy, tmp_path):
+    path = tmp_path / "policy.onnx"
     agent = TrainedAgent(TASK, policy, None)
-    export_onnx(agent, "run", tmp_path / "policy.onnx", in_si_units=False)
+    export_onnx(agent, "run", path, in_si_units=False)
     observations = np.random.default_rng(5).uniform(-1, 1, (50, 16)).astype("f4")
-    actions = run_model(tmp_path / "policy.onnx", observations)
+    actions = run_model(path, observations)
     assert np.ptp(actions) > 0.1
     np.testing.assert_allclose(actions, agent.act(observations), atol=PRECISION)
+    # Inputs that are not in SI units have the bounds by which they are scaled.
+    properties = {entry.key: entry.value for entry in onnx.load(path).metadata_props}
+    motor_velocity = {"name": "motor_velocity", "unit": "rad/s", "minimum": -180, "maximum": 180}
+    assert json.loads(properties["inputs"])[14] == motor_velocity
 
 
 def test_metadata_has_names_and_units_of_inputs_and_outputs(tmp_path):
@@ -208,10 +213,6 @@ def test_metadata_has_names_and_units_of_inputs_and_outputs(tmp_path):
     assert model.graph.input[0].type.tensor_type.shape.dim[0].dim_param == "robots"
     assert b".py" not in path.read_bytes()  # no paths of this computer
     assert json.loads(properties["control_timestep"]) == {"value": 0.01, "unit": "s"}
-    export_onnx(agent, "a/run", path, in_si_units=False)
-    properties = {entry.key: entry.value for entry in onnx.load(path).metadata_props}
-    motor_velocity = {"name": "motor_velocity", "unit": "rad/s", "minimum": -180, "maximum": 180}
-    assert json.loads(properties["inputs"])[14] == motor_velocity
 
 
 def test_policy_of_another_robot_has_its_observation_and_all_its_motors(tmp_path):

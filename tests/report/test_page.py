@@ -246,8 +246,8 @@ def test_page_is_readable_without_scripts(shipped_page, opened):
     [
         pytest.param("shipped", marks=pytest.mark.slow),
         pytest.param("young", marks=pytest.mark.slow),
+        pytest.param("variants", marks=pytest.mark.slow),
         "one run",
-        "variants",
         "hostile",
     ],
 )

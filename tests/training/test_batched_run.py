@@ -48,7 +48,9 @@ class OtherEncoder(TanhEncoder):
 
 
 # `test_batched_engine.py` tests the engine itself with all algorithms.
-@pytest.mark.parametrize(("algo", "changes"), [("ddpg", {}), ("td3", ENCODED)])
+@pytest.mark.parametrize(
+    ("algo", "changes"), [("td3", ENCODED), pytest.param("ddpg", {}, marks=pytest.mark.slow)]
+)
 def test_run_in_batch_equals_run_alone(algo, changes, tmp_path, monkeypatch):
     if changes:
         encoders = {changes["encoder"]: TanhEncoder(), OTHER: OtherEncoder()}
@@ -224,9 +226,15 @@ def test_estimated_speed_counts_steps_without_updates(algo, steps, share):
     ("algo", "overrides", "parallel", "updates"),
     [
         ("ddpg", {}, None, 0.5),  # 50 every 100 control steps
-        ("ddpg", {}, 7, 0.5),
+        pytest.param("ddpg", {}, 7, 0.5, marks=pytest.mark.slow),
         ("td3", {"learning_starts": 0}, None, 1.0),  # 1000 every 1000
-        ("ddpg", {"train_freq": 3, "gradient_steps": 2}, None, 2 / 3),
+        pytest.param(
+            "ddpg",
+            {"train_freq": 3, "gradient_steps": 2},
+            None,
+            2 / 3,
+            marks=pytest.mark.slow,
+        ),
         ("ppo", {"n_envs": 2, "n_steps": 25, "batch_size": 10}, None, 4 / 50),  # 4 epochs
     ],
 )

@@ -24,7 +24,7 @@ def falling(algo, seed=0, task=LEAVES, **changes):
     return run_of(algo, seed, task=task, specs=find_task(task).specs, **changes)
 
 
-@pytest.mark.parametrize("algo", ["td3", "sac", "ppo"])
+@pytest.mark.parametrize("algo", ["sac", "ppo", pytest.param("td3", marks=pytest.mark.slow)])
 def test_seeds_that_end_at_different_steps_are_independent(algo, tmp_path):
     runs = [falling(algo, seed) for seed in (0, 1)]
     together, alone = Results(tmp_path / "together"), Results(tmp_path / "alone")

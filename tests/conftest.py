@@ -42,6 +42,7 @@ def pytest_collection():
         return (yield)
     finally:
         gc.freeze()
+        gc.set_threshold(20_000, 20, 20)  # by default, it takes a twenty-fifth of the tests
         gc.enable()
 
 

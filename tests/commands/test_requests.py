@@ -23,6 +23,7 @@ from jbench.studies.matrix import read_matrix
 from jbench.sweeps.cell import matrix_cells
 from jbench.training import engines
 from tests.documentation import ROOT
+from tests.store.store_whole import add_whole_run
 
 
 @pytest.mark.parametrize(
@@ -427,12 +428,16 @@ def test_dry_run_of_class_says_when_its_time_is_known(tmp_path, capsys):
     assert ": unknown until each configuration has a finished run." in capsys.readouterr().out
 
 
-def test_report_beside_results_that_are_mounted_read_only_hints_at_out(monkeypatch, refused):
+def test_report_beside_results_that_are_mounted_read_only_hints_at_out(
+    tmp_path, monkeypatch, refused
+):
+    add_whole_run(Results(tmp_path), [10.0, 20.0, 60.0])
+
     def mkdir(path, **options):
         raise OSError(errno.EROFS, os.strerror(errno.EROFS))
 
     monkeypatch.setattr("jbench.store.files.Path.mkdir", mkdir)
-    error = refused("report", "--algo", "ddpg", results="reference")
+    error = refused("report", results=tmp_path)
     says = "(Read-only file system); name a directory that you may write to by --out."
     assert error.count("\n") == 1
     assert says in error

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pytest
 
 from jbench.cli import main
@@ -25,6 +26,22 @@ SETTINGS = {
 }
 
 
+def table(columns, described):
+    """Returns rows of a table; what they lack is null, and a number or text is that of each row.
+
+    A frame of pandas on the way would take most of the time in which a run is made.
+    """
+    rows = len(columns["control_steps"])
+    arrays = []
+    for field in described:
+        if field.name not in columns:
+            arrays.append(pa.nulls(rows, field.type))
+            continue
+        values = np.broadcast_to(columns[field.name], rows)
+        arrays.append(pa.array(values.copy(), field.type, from_pandas=True))
+    return pa.table(arrays, schema=described)
+
+
 def episodes(run, returns, ends=None):
     """Returns rows of the table `episodes`, by default each of 1000 control steps."""
     index = np.arange(len(returns))
@@ -33,7 +50,7 @@ def episodes(run, returns, ends=None):
     columns = {"run": run, "episode": index, "control_steps": ends, "length": lengths}
     columns["episode_return"] = np.asarray(returns, float)
     columns["wall_time"] = index * 1.0
-    return record_files.to_table(pd.DataFrame(columns), schema.EPISODES)
+    return table(columns, schema.EPISODES)
 
 
 def evaluations(run, means):
@@ -41,7 +58,7 @@ def evaluations(run, means):
     steps, index = np.repeat([*means], 2), np.arange(2 * len(means))
     columns = {"run": run, "evaluation": index // 2, "episode": index % 2, "control_steps": steps}
     columns["episode_return"] = np.repeat([*means.values()], 2) + np.where(index % 2, 5.0, -5.0)
-    return record_files.to_table(pd.DataFrame({**columns, "length": 1000}), schema.EVALUATIONS)
+    return table({**columns, "length": 1000}, schema.EVALUATIONS)
 
 
 class FabricatedResults:

@@ -4,6 +4,7 @@ import contextlib
 import json
 import os
 import signal
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -23,7 +24,8 @@ from tests.sweep_matrices import (
     write_matrix,
 )
 
-pytest.importorskip("ray")
+# Ray takes a third of a second to import, in each process of pytest.
+pytestmark = pytest.mark.skipif(find_spec("ray") is None, reason="Ray is not installed")
 
 # A dead node is detected after seconds instead of half a minute.
 IMPATIENT = {

@@ -11,6 +11,7 @@ from tests.agents import batched_oracle as oracle
 from tests.agents.test_batched_engine import slow
 from tests.matrices import diagonal
 
+OFF_POLICY = ("ddpg", "td3", "sac")
 LARGE_NOISE = {"target_policy_noise": 0.9, "target_noise_clip": 0.8}
 PPO_CASES = [
     (1, 120, {}),
@@ -45,7 +46,7 @@ def update_both(agent, learner, tensors, settings, updates):
         ("sac", {}, torch.float64, 6, 100),
         ("sac", {}, torch.float32, 1, 100),
         slow("ddpg", {}, torch.float64, 6, 100),
-        *(slow(algo, {}, torch.float64, 1, 100) for algo in ("td3", "sac")),
+        *(slow(algo, {}, torch.float64, 1, 100) for algo in OFF_POLICY if algo != "ddpg"),
         *(slow(algo, {}, torch.float32, 1, 100) for algo in ("ddpg", "td3")),
         ("ddpg", {"hidden_layers": [16]}, torch.float64, 1, 10),
         ("ddpg", {"hidden_layers": [20, 9, 12], "tau": 0.5, "gamma": 0.5}, torch.float64, 1, 10),

@@ -6,6 +6,7 @@ A table stands between `<!-- table: NAME -->` and `<!-- end of table -->`. Its n
 
 import json
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -175,6 +176,31 @@ FIGURE_8 = (
 )
 
 
+@dataclass
+class RobotAgents:
+    """A row of the table of other robots: agents of TD3 with the settings `suite`.
+
+    Attributes:
+        task: what they learn.
+        words: what they observe, in the words of a page.
+        name: the representation, and other settings, as the report names them.
+    """
+
+    task: str
+    words: str
+    name: str
+
+
+OTHER_ROBOTS = (
+    RobotAgents("gym:Hopper-v5", "11 numbers (`full`)", "full"),
+    RobotAgents("gym:Hopper-v5", "the same, standardized", "full, normalize=running"),
+    RobotAgents("gym:Hopper-v5", "8 latents (`dae8`)", "dae8"),
+    RobotAgents("dmc:cheetah-run", "17 numbers (`full`)", "full"),
+    RobotAgents("dmc:cheetah-run", "the same, standardized", "full, normalize=running"),
+    RobotAgents("dmc:cheetah-run", "12 latents (`dae12`)", "dae12"),
+)
+
+
 class ShippedNumbers:
     """Evaluation returns of the shipped runs of DDPG and TD3, as the report has them."""
 
@@ -234,7 +260,8 @@ class ShippedNumbers:
 
 def _of_evaluations(rows: pd.DataFrame) -> pd.DataFrame:
     """Returns rows of evaluation returns of the batched engine in float32, with names of pages."""
-    rows = rows[(rows["returns"] == "evaluation") & rows["words"].isin(["", "mirror=true"])]
+    words = ["", "mirror=true", "normalize=running"]
+    rows = rows[(rows["returns"] == "evaluation") & rows["words"].isin(words)]
     rows = rows[rows["algo"].isin(["DDPG", "TD3"])]
 
     name = rows["representation"].where(
@@ -347,6 +374,27 @@ def variability_table(verdicts: pd.DataFrame) -> str:
     return "\n".join(lines)
 
 
+def robots_table(numbers: ShippedNumbers) -> str:
+    """Returns the table of TD3 on robots of dm_control and Gymnasium."""
+    lines = [
+        "| task | the agent observes | over the run | difference | at the end | difference "
+        "| each agent, at the end |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    above = ""
+    for row in OTHER_ROBOTS:
+        pair = Pair("TD3", row.task, row.name, "full")
+        cells = ["" if row.task == above else f"`{row.task}`", row.words]
+        for column in ("over_run", "final"):
+            returns = numbers.returns("TD3", row.task, row.name, column)
+            cells.append(f"{interquartile_mean([returns]):.0f}")
+            cells.append(numbers.difference(pair, column))
+        cells.append(_each(numbers.returns("TD3", row.task, row.name)))
+        lines.append(f"| {' | '.join(cells)} |")
+        above = row.task
+    return "\n".join(lines)
+
+
 def _p_in_words(p_value: float) -> str:
     """Returns such as `0.215`, or `< 0.001`."""
     return f"{p_value:.3f}" if p_value >= 0.001 else "< 0.001"
@@ -402,7 +450,7 @@ def _curves(agents: Agents, evaluations: pd.DataFrame) -> pd.DataFrame:
     return evaluations[chosen].pivot(index="control_steps", columns="seed", values="mean")
 
 
-def _each(values: pd.Series) -> str:
+def _each(values: Iterable[float]) -> str:
     """Returns whole numbers such as `181, 833, 212`."""
     return ", ".join(f"{value:.0f}" for value in values)
 
@@ -437,6 +485,7 @@ def pages(numbers: ShippedNumbers) -> dict[Path, str]:
     by_step = {"figure-7": FIGURE_7, "standardized": STANDARDIZED, "figure-8": FIGURE_8}
     for name, columns in by_step.items():
         answer_text = with_table(answer_text, name, table_by_step(columns, evaluations))
+    answer_text = with_table(answer_text, "robots", robots_table(numbers))
     details_text = details.read_text("utf-8")
     details_text = with_table(details_text, "differences", differences_table(numbers))
     details_text = with_table(details_text, "variability", variability_table(numbers.verdicts))

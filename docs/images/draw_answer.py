@@ -68,6 +68,7 @@ DRAWINGS = (
         settings="figure8",
         normalize=("running",),
     ),
+    Drawing("answer-hopper", task="gym:Hopper-v5", settings="suite"),
 )
 
 

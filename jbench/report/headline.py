@@ -34,7 +34,8 @@ def headline(verdicts: pd.DataFrame, configurations: pd.DataFrame, compared: pd.
 
     from_file = FILE in {*known["source"]}
     single = from_file and known["label"].nunique() == 1
-    if known["seeds"].max() < DECIDING_SEEDS and not single:
+    is_decided = (verdicts["verdict"] != "undecided").any()
+    if known["seeds"].max() < DECIDING_SEEDS and not single and not is_decided:
         seeds = int(known["seeds"].max())
         longest = steps(known["steps"][known["seeds"] == seeds].max())
         count = "one seed" if seeds == 1 else f"{seeds} seeds"

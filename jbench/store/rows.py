@@ -69,6 +69,17 @@ def has_policy(record: Record) -> bool:
     return {*POLICY_FILES} <= {entry.name for entry in record.manifest.files}
 
 
+def _collected_steps(dataset: Record) -> int:
+    """Returns the committed control steps of a dataset of any robot.
+
+    An episode has a state more than it has steps. The Jitterbug's are in the tables `steps` and
+    `dataset_episodes`, those of other robots in `observations` and `seeds`.
+    """
+    states = dataset.rows("steps") + dataset.rows("observations")
+    episodes = dataset.rows("dataset_episodes") + dataset.rows("seeds")
+    return states - episodes
+
+
 def _columns_of_kind(record: Record) -> Row:
     """Returns the columns that the rows of a record's kind have beside those of all records."""
     manifest = record.manifest
@@ -86,9 +97,7 @@ def _columns_of_kind(record: Record) -> Row:
     if record.kind == "encoder":
         return {"representation": record.path.parent.name}
     if record.kind == "dataset":
-        # A committed episode has a state more than it has steps.
-        steps = record.rows("steps") - record.rows("dataset_episodes")
-        return {"steps_done": steps, "bytes": record.size}
+        return {"steps_done": _collected_steps(record), "bytes": record.size}
 
     if record.kind == "import":
         hashes = record.settings.get("files")

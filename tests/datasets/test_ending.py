@@ -18,6 +18,7 @@ from jbench.encoders.training import train_encoder
 from jbench.errors import RequestError
 from jbench.settings.records import DatasetSettings, dataset_robot
 from jbench.store import Results
+from jbench.store.rows import make_row
 from jbench.tasks.find import find_task
 from tests.gym_tasks import EPISODE
 
@@ -40,6 +41,7 @@ def test_episodes_are_those_of_the_environment(dataset):
     (block,) = dataset.ending_blocks(LEAVES)
     assert dataset.control_steps == block.lengths.sum() == STEPS
     assert not dataset.has_one_length
+    assert make_row(dataset.record)["steps_done"] == STEPS
     (entry,) = dataset.record.parts("seeds")
     seeds = dataset.record.read_part(entry)["seed"].to_pylist()
     env = find_task(LEAVES).environment(0).env

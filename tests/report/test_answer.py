@@ -36,6 +36,7 @@ TASKS = ("face_direction", "move_in_direction")
 BASELINES = ("full", "scaled")
 SEEDS = {"td3": 10, "ddpg": 6}
 """Every configuration of the pages has as many."""
+HOPPER = "gym:Hopper-v5"
 WHITENED = "dae12-observation-whitened"
 ALONE = ("dae12-whitened", "dae12-observation", WHITENED, "dae-yaw13")
 """Autoencoders that each agent has for itself."""
@@ -299,7 +300,8 @@ def test_verdicts_on_training_returns():
     assert not verdicts.duplicated(["task", "returns", *keys]).any()
     rows = verdicts.pivot(index=["task", *keys], columns="returns", values="verdict")
     rows = rows[rows["evaluation"] != rows["training"]].reset_index()
-    assert {*rows["task"]} == {TASKS[0]}
+    assert {*rows["task"]} == {TASKS[0], HOPPER}
+    rows = rows[rows["task"] != HOPPER]
 
     of = {"a": "the final return", "b": "variability", "c": "learning speed"}
     agents = {"": "", "settings=figure8": ", `figure8"}
@@ -315,7 +317,7 @@ def test_verdicts_on_training_returns():
         for row in rows.itertuples()
     ]
     assert len(rows) == 7
-    assert "In seven comparisons, all on `face_direction`," in text_of("answer-details")
+    assert "In seven comparisons of the Jitterbug's agents, all on `face_direction`," in text_of("answer-details")
 
 
 def test_forward_is_similar_to_scaled(finals):
@@ -722,6 +724,36 @@ def lowest_to_highest(values):
 
 def median_and_range(values):
     return f"{np.median(values):.0f} ({min(values):.0f} to {max(values):.0f})"
+
+
+def test_hopper():
+    rows = chosen_from(shipped().seeds, task=HOPPER, returns="evaluation")
+    of = {name: group for name, group in rows.groupby("representation")}
+    shown = table("docs/answer.md", "each agent, at the end")
+    (full, latents) = [row for row in shown if row[0] == HOPPER]
+    for row, name in ((full, "full"), (latents, "dae8")):
+        assert f"`{name}`" in f"`{row[1]}`"
+        assert len(of[name]) == 5
+        assert row[2] == f"{iqm(of[name]['over_run']):.0f}"
+        assert row[4] == f"{iqm(of[name]['final']):.0f}"
+        assert row[6] == ", ".join(f"{final:,.0f}" for final in of[name]["final"])
+    for text, column in ((latents[3], "over_run"), (latents[5], "final")):
+        pair = (of["dae8"][column].to_numpy(), of["full"][column].to_numpy())
+        assert_agrees(text.replace(",", "").replace(" ", ", ", 1), iqm, *pair)
+
+    (found,) = chosen_from(shipped().decisions, study="robots", task=HOPPER).itertuples()
+    assert (found.verdict, found.seeds) == ("lower", 5)
+    interval = f"{found.difference:+,.0f} [{found.low:+,.0f}, {found.high:+,.0f}]"
+    assert f"{interval} in the mean" in text_of("answer")
+    assert of["full"]["final"].min() > of["dae8"]["final"].max()
+    assert "Each agent with the full observation ends higher than each" in text_of("answer")
+
+    lengths = jbench.open("reference").query(
+        "SELECT seed, avg(length) AS length FROM evaluations JOIN runs USING (run) "
+        f"WHERE task = '{HOPPER}' AND representation = 'full' AND control_steps = steps "
+        "GROUP BY seed"
+    )["length"]
+    assert f"last {lowest_to_highest(lengths)} control steps" in text_of("answer")
 
 
 def test_published_figure_9():

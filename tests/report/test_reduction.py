@@ -11,6 +11,7 @@ from jbench.report.analysis.judging import Comparison, judge
 from jbench.report.analysis.verdicts import verdict_frame
 from jbench.report.encoders import prediction_frame, return_frame
 from jbench.report.frames import Frames
+from jbench.report.headline import headline
 from jbench.settings.algorithms import algorithm_settings
 from jbench.statistics.bootstrap import Estimate
 from jbench.statistics.verdicts import Evidence
@@ -240,6 +241,18 @@ def test_headline_of_few_seeds_says_that_it_is_too_early(fabric):
     learn(fabric, {name: FINALS[name][:2] for name in ("full", "dae12")}, episodes=4)
     assert Frames(fabric.results).headline == (
         "Too early to say: 2 seeds of 4k control steps can't decide anything."
+    )
+
+
+def test_headline_of_few_seeds_has_what_a_study_has_decided(fabric):
+    learn(fabric, {name: FINALS[name][:5] for name in ("full", "dae12")}, episodes=4)
+    found = Frames(fabric.results)
+    verdicts = found.lead(found.verdicts)
+    decided = verdicts.assign(verdict=verdicts["verdict"].where(verdicts["claim"] != "a", "lower"))
+    configurations = found.lead(found.configurations)
+    assert headline(decided, configurations, pd.DataFrame()) == (
+        "Compared with the full observation, TD3 agents on face_direction reach lower final "
+        "returns with dae12."
     )
 
 

@@ -317,7 +317,8 @@ def test_verdicts_on_training_returns():
         for row in rows.itertuples()
     ]
     assert len(rows) == 7
-    assert "In seven comparisons of the Jitterbug's agents, all on `face_direction`," in text_of("answer-details")
+    counted = "In seven comparisons of the Jitterbug's agents, all on `face_direction`,"
+    assert counted in text_of("answer-details")
 
 
 def test_forward_is_similar_to_scaled(finals):
@@ -728,7 +729,7 @@ def median_and_range(values):
 
 def test_hopper():
     rows = chosen_from(shipped().seeds, task=HOPPER, returns="evaluation")
-    of = {name: group for name, group in rows.groupby("representation")}
+    of = dict(iter(rows.groupby("representation")))
     shown = table("docs/answer.md", "each agent, at the end")
     (full, latents) = [row for row in shown if row[0] == HOPPER]
     for row, name in ((full, "full"), (latents, "dae8")):

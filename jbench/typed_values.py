@@ -24,6 +24,13 @@ def known(what: str, value: str, names: Sequence[_Name]) -> _Name:
     raise RequestError(f"Unknown {what} {value!r}; {hint} {in_prose(names)}.")
 
 
+def lowered(name: str, names: Iterable[str]) -> str:
+    """Returns a name in lower case if it is then one of the names; else as it was typed."""
+    if name.lower() in names:
+        return name.lower()
+    return name
+
+
 def shown_as(shortened: str, names: Iterable[str]) -> list[str]:
     """Returns the names that a table shows as a text with … in place of a part; else none."""
     if "…" not in shortened:

@@ -39,6 +39,29 @@ def are(count: int) -> str:
     return "is" if count == 1 else "are"
 
 
+def have(count: int) -> str:
+    """Returns the other verb for a number of things."""
+    return "has" if count == 1 else "have"
+
+
+def with_article(noun: str) -> str:
+    """Returns a noun after `a` or `an`."""
+    if noun[0] in "aeiou":
+        return f"an {noun}"
+    return f"a {noun}"
+
+
+def printable(text: str, instead: str = "\ufffd", keeping: str = "") -> str:
+    """Returns a text with another character in place of each that can't be printed.
+
+    Those of `keeping`, such as a line feed, stay.
+    """
+    return "".join(
+        character if character.isprintable() or character in keeping else instead
+        for character in text
+    )
+
+
 def duration(seconds: float) -> str:
     """Returns a duration in its two largest units, such as `3 d 4 h` or `12 min 5 s`."""
     units = (86400, "d", 3600, "h"), (3600, "h", 60, "min"), (60, "min", 1, "s")

@@ -24,8 +24,8 @@ from jbench.task_specs import GYM, SUITE, SUITE_TASKS
 from jbench.tasks.find import installed_tasks
 from jbench.typed_values import closest
 
-What = Literal["task", "agent", "rule", "encoder", "policy"]
-WHATS: tuple[What, ...] = get_args(What)
+CodeKind = Literal["task", "agent", "rule", "encoder", "policy"]
+KINDS: tuple[CodeKind, ...] = get_args(CodeKind)
 
 _ESSENTIAL = ("class", "made", "actions", "learning", "episode", "training", "acts")
 """Checks without which the later ones would fail for the same reason."""
@@ -44,48 +44,48 @@ class CheckRequest:
     latents: int | None = None
 
 
-def check_code(what: What, request: CheckRequest) -> Iterator[Checked]:
+def check_code(kind: CodeKind, request: CheckRequest) -> Iterator[Checked]:
     """Yields a line for each check.
 
     Raises a RequestError if settings or a number of latents are given that this kind of code does
     not have.
     """
-    if request.settings and what in ("task", "policy"):
-        raise RequestError(f"{request.name} is a {what}, which has no settings: leave --set out.")
-    if request.latents is not None and what != "encoder":
+    if request.settings and kind in ("task", "policy"):
+        raise RequestError(f"{request.name} is a {kind}, which has no settings: leave --set out.")
+    if request.latents is not None and kind != "encoder":
         raise RequestError(f"{request.name} is no encoder: leave --latent out.")
 
-    return _lines(what, request)
+    return _lines(kind, request)
 
 
-def _lines(what: What, request: CheckRequest) -> Iterator[Checked]:
+def _lines(kind: CodeKind, request: CheckRequest) -> Iterator[Checked]:
     """Yields a line for each check."""
     with one_thread():
-        for name, check in _checks(what, request):
+        for name, check in _checks(kind, request):
             line = attempt(name, check)
             yield line
             if line.state == "fails" and name in _ESSENTIAL:
                 return
 
 
-def _checks(what: What, request: CheckRequest) -> Iterator[NamedCheck]:
+def _checks(kind: CodeKind, request: CheckRequest) -> Iterator[NamedCheck]:
     """Returns the checks of a kind of code."""
     name = request.name
     task = request.task
     settings = request.settings
-    if what == "task":
+    if kind == "task":
         return tasks.checks(name)
-    if what == "agent":
+    if kind == "agent":
         return agents.agent_checks(name, task, settings)
-    if what == "rule":
+    if kind == "rule":
         return agents.rule_checks(name, task, settings)
-    if what == "encoder":
+    if kind == "encoder":
         return encoders.checks(name, task, settings, request.latents)
 
     return policies.checks(name, task)
 
 
-def find_what(name: str) -> What:
+def kind_of_code(name: str) -> CodeKind:
     """Returns what MODULE:NAME or an installed name is.
 
     Raises a RequestError if there is none of that name, and a WorkError if it can't be imported.
@@ -96,11 +96,11 @@ def find_what(name: str) -> What:
         return _installed(name)
 
     found = plugins.imported("class", name)
-    bases: dict[What, type] = {"agent": Agent, "rule": Rule, "encoder": Kind}
+    bases: dict[CodeKind, type] = {"agent": Agent, "rule": Rule, "encoder": Kind}
     if isinstance(found, type):
-        for what, base in bases.items():
+        for kind, base in bases.items():
             if issubclass(found, base):
-                return what
+                return kind
         if all(hasattr(found, method) for method in _ENVIRONMENT):
             return "task"
 
@@ -120,25 +120,25 @@ def _is_factory(found: Callable[..., Any]) -> bool:
     return needed <= {"random"}
 
 
-def _installed(name: str) -> What:
+def _installed(name: str) -> CodeKind:
     """Returns what an installed name is: a task, an agent, a rule, an encoder or a policy."""
     points = installed()
-    by_what: dict[What, list[str]] = {
+    by_kind: dict[CodeKind, list[str]] = {
         "agent": [each for each, point in points.items() if point.group == "jbench.agents"],
         "rule": [each for each, point in points.items() if point.group == "jbench.rules"],
         "encoder": kind_names(),
         "task": list(installed_tasks()),
         "policy": list(offered_policies()),
     }
-    for what, names in by_what.items():
+    for kind, names in by_kind.items():
         if name in names:
-            return what
+            return kind
 
     if name in SETTINGS:
         raise RequestError(f"{name} is jbench's own; type MODULE:CLASS of an algorithm of yours.")
 
     plugins.refuse_path(name)
-    offered = [each for names in by_what.values() for each in names]
+    offered = [each for names in by_kind.values() for each in names]
     close = closest(name, [*SUITE_TASKS, *offered])
     meant = "" if close is None else f"did you mean {close}? "
     raise RequestError(

@@ -40,13 +40,24 @@ def archive(
 
     chosen = directory or results
     database = parsing.results_to_read(chosen)
-    name = database.path.resolve().name if chosen.name in ("", "..") else chosen.name
-    written = write_archive(database, out or Path(f"{name}{'-blind' if blind else ''}.zip"), blind)
+    written = write_archive(database, out or _default_file(chosen, blind), blind)
     for line in written.left_out:
         output.warn(f"{line}; left out.")
 
-    output.say(
-        f"Wrote {written.path}: {counted(written.records, 'record')}, {written.bytes / 1e6:.1f} MB"
-        f"{', without names' if blind else ''}."
-    )
+    content = f"{counted(written.records, 'record')}, {written.bytes / 1e6:.1f} MB"
+    if blind:
+        content += ", without names"
+
+    output.say(f"Wrote {written.path}: {content}.")
     output.document(written._asdict())
+
+
+def _default_file(results: Path, blind: bool) -> Path:
+    """Returns a file in the working directory that is named after a results directory."""
+    name = results.name
+    if name in ("", ".."):
+        name = results.resolve().name
+    if blind:
+        name += "-blind"
+
+    return Path(f"{name}.zip")

@@ -4,7 +4,7 @@ import importlib.util
 from collections.abc import Callable, Iterable
 from json import dumps
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from typer import Argument
 
@@ -14,6 +14,9 @@ from jbench.errors import RequestError, WorkError
 from jbench.settings.algorithms import ALGORITHMS
 from jbench.wording import counted, progress_text, with_results
 
+if TYPE_CHECKING:
+    from jbench.settings.records import DatasetSettings
+
 _Entry = dict[str, Any]
 
 
@@ -22,29 +25,10 @@ def algorithms(
     json: bool = options.JSON,
 ) -> None:
     """List the installed algorithms with their settings."""
-    from jbench import plugins
-    from jbench.agents import algorithms as known
-    from jbench.agents.find import algorithm_provenance, installed
-
-    def describe(algorithm: str) -> _Entry:
-        ours = algorithm in ALGORITHMS
-        code = plugins.made_with("jbench") if ours else algorithm_provenance(algorithm)
-        return {
-            "name": algorithm,
-            "description": known.description(algorithm),
-            "engine": known.choose_engine(algorithm),
-            "package": code.get("package"),
-            "settings": known.describe_settings(algorithm),
-        }
+    from jbench.agents.find import installed
 
     if name is not None:
-        entry = describe(name)
-        rows = [(s["name"], _text(s["default"]), s["description"]) for s in entry["settings"]]
-        title = f"{name}: {entry['package'] or 'in no package'}, engine {entry['engine']}"
-        if entry["description"]:
-            output.say(entry["description"])
-        output.table(title, ("setting", "default", "meaning"), rows)
-        output.document({"algorithms": [entry], "broken": []})
+        _show_algorithm(_algorithm_entry(name))
         return
 
     columns = {
@@ -55,7 +39,42 @@ def algorithms(
         "settings": "settings",
     }
     hint = "jbench algorithms NAME explains the settings of one; --set changes them."
-    _list("algorithm", (*ALGORITHMS, *installed()), describe, columns, hint)
+    _list("algorithm", (*ALGORITHMS, *installed()), _algorithm_entry, columns, hint)
+
+
+def _algorithm_entry(algorithm: str) -> _Entry:
+    """Returns an algorithm as the document describes it."""
+    from jbench.agents import algorithms as known
+
+    return {
+        "name": algorithm,
+        "description": known.description(algorithm),
+        "engine": known.choose_engine(algorithm),
+        "package": _package(algorithm),
+        "settings": known.describe_settings(algorithm),
+    }
+
+
+def _package(algorithm: str) -> str | None:
+    """Returns name and version of the package of an algorithm; None if it is in no package."""
+    from jbench import plugins
+    from jbench.agents.find import algorithm_provenance
+
+    if algorithm in ALGORITHMS:
+        return plugins.made_with("jbench").get("package")
+    return algorithm_provenance(algorithm).get("package")
+
+
+def _show_algorithm(entry: _Entry) -> None:
+    """Prints one algorithm with a row for each of its settings."""
+    package = entry["package"] or "in no package"
+    rows = [(s["name"], _text(s["default"]), s["description"]) for s in entry["settings"]]
+    if entry["description"]:
+        output.say(entry["description"])
+
+    title = f"{entry['name']}: {package}, engine {entry['engine']}"
+    output.table(title, ("setting", "default", "meaning"), rows)
+    output.document({"algorithms": [entry], "broken": []})
 
 
 def tasks(
@@ -95,9 +114,12 @@ def tasks(
         output.document({"tasks": [entry], "broken": []})
         return
 
-    suite = task_specs.SUITE_TASKS if importlib.util.find_spec("dm_control") else ()
+    listed = [*names.TASKS, *installed_tasks()]
+    if importlib.util.find_spec("dm_control") is not None:
+        listed += task_specs.SUITE_TASKS
+
     hint = "jbench tasks NAME shows the parts of an observation, and tries the task."
-    _list("task", (*names.TASKS, *installed_tasks(), *suite), describe, columns, hint)
+    _list("task", listed, describe, columns, hint)
 
 
 def datasets(results: Path = options.READ_RESULTS, json: bool = options.JSON) -> None:
@@ -114,16 +136,14 @@ def datasets(results: Path = options.READ_RESULTS, json: bool = options.JSON) ->
             problems.append(str(error))
             continue
 
-        settings = dataset.settings
         steps = dataset.control_steps
-        robot = settings.robot if settings.specs else "plain"
         more = {"status": record.status, "steps": steps, "bytes": record.size}
         entries.append(output.described(record, **more))
         row = {
             "dataset": record.id,
             "status": record.status,
-            "steps": progress_text(steps, settings.steps),
-            "robot": robot if settings.augment is None else f"--augment {settings.augment}",
+            "steps": progress_text(steps, dataset.settings.steps),
+            "robot": _robot(dataset.settings),
             "MB": f"{record.size / 1e6:.1f}",
             "last written (UTC)": record.manifest.updated[:16].replace("T", " "),
         }
@@ -134,12 +154,20 @@ def datasets(results: Path = options.READ_RESULTS, json: bool = options.JSON) ->
         cells = [list(row.values()) for row in rows]
         output.table(title, list(rows[0]), cells, spare=("last written (UTC)", "robot", "MB"))
     elif not problems:
-        to_write = Path(names.RESULTS) if names.is_reference(results) else results
-        small = with_results("jbench collect --steps 100000", to_write)
+        small = with_results("jbench collect --steps 100000", parsing.writable(results))
         output.say(f"No datasets in {results}; {small} makes a small one.")
 
     output.document({"datasets": entries, "problems": problems})
     output.warn_of_damage(problems)
+
+
+def _robot(settings: "DatasetSettings") -> str:
+    """Returns the robot of a dataset: an option that chooses it, its name, or `plain`."""
+    if settings.augment is not None:
+        return f"--augment {settings.augment}"
+    if settings.specs is not None:
+        return settings.robot
+    return "plain"
 
 
 def _list(
@@ -168,8 +196,9 @@ def _list(
 
 def _cell(value: Any) -> Any:
     """Returns a value as the table shows it; settings with their defaults."""
-    is_settings = isinstance(value, list)
-    return ", ".join(f"{s['name']}={_text(s['default'])}" for s in value) if is_settings else value
+    if isinstance(value, list):
+        return ", ".join(f"{setting['name']}={_text(setting['default'])}" for setting in value)
+    return value
 
 
 def _text(value: Any) -> str:

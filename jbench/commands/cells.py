@@ -18,7 +18,9 @@ def unbroken(cell: str) -> list[str]:
     """Returns the parts of a cell that stay in one line."""
     longest = _UNBROKEN_NUMBERS if cell[:1].isdigit() else _UNBROKEN
     is_whole = len(cell) <= longest or INTERVAL.fullmatch(cell)
-    return cell.splitlines() if is_whole else _PIECE.findall(cell)
+    if is_whole:
+        return cell.splitlines()
+    return _PIECE.findall(cell)
 
 
 def wrapped(cell: str, width: int) -> str:
@@ -50,7 +52,9 @@ def without_middles(cell: str, limit: int) -> str:
 
     def shorten(match: re.Match[str]) -> str:
         word = match[0]
-        return word if _NUMBER.fullmatch(word.strip("[](),")) else shortened(word, limit)
+        if _NUMBER.fullmatch(word.strip("[](),")):
+            return word
+        return shortened(word, limit)
 
     return re.sub(r"\S+", shorten, cell)
 
@@ -64,11 +68,13 @@ def shortened(word: str, limit: int) -> str:
         return word
 
     task, _, rest = word.partition("/")
-    if "/" in rest:
-        room = limit - cell_len(rest) - 2
-        return f"{task[:room]}…/{rest}" if room >= 0 else f"…/{_without_middle(rest, limit - 2)}"
+    if "/" not in rest:
+        return _without_middle(word, limit)
 
-    return _without_middle(word, limit)
+    room = limit - cell_len(rest) - 2
+    if room < 0:
+        return f"…/{_without_middle(rest, limit - 2)}"
+    return f"{task[:room]}…/{rest}"
 
 
 def _without_middle(word: str, limit: int) -> str:
@@ -82,5 +88,6 @@ def _without_middle(word: str, limit: int) -> str:
         tail += 1
 
     short = f"{word[:head]}…{word[tail:]}"
-    # Wide characters take two places.
-    return short if cell_len(short) <= limit else _without_middle(word, limit - 1)
+    if cell_len(short) > limit:  # wide characters take two places
+        return _without_middle(word, limit - 1)
+    return short

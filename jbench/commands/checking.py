@@ -45,10 +45,12 @@ def verify(
     checked = check(database, threads, partial(output.progress, "verify", unit="folders"))
     _show_checked(checked, results)
     others = _show_other_code(database)
-    repeated = _reevaluate_all(database, accept_changed_code) if reevaluate else []
-    document = checked._asdict() | {"findings": [flaw._asdict() for flaw in checked.findings]}
+    document = checked._asdict()
+    document["findings"] = [flaw._asdict() for flaw in checked.findings]
     document["other_code"] = [record._asdict() for record in others]
+    repeated = []
     if reevaluate:
+        repeated = _reevaluate_all(database, accept_changed_code)
         document["reevaluations"] = [part._asdict() for part in repeated]
 
     output.document(document)
@@ -62,7 +64,8 @@ def verify(
         raise WorkError("Some results can't be checked; see above. The others can still be used.")
 
     compared = [part for part in repeated if part.control_steps is not None]
-    if different := sum(part.verdict == "different" for part in compared):
+    different = sum(part.verdict == "different" for part in compared)
+    if different:
         count = f"{different} of {len(compared)} repeated runs"
         raise WorkError(f"{count} have other returns than recorded; see above.")
     if reevaluate and not compared:
@@ -76,16 +79,19 @@ def _show_checked(checked: "Verified", results: Path) -> None:
     for (kind, id), flaws in groupby(checked.findings, lambda flaw: (flaw.kind, flaw.id)):
         output.say(f"{kind} {id}")
         for flaw in flaws:
-            output.say(f"  {'Warning: ' if flaw.sort == 'warning' else ''}{flaw}")
+            if flaw.sort == "warning":
+                output.say(f"  Warning: {flaw}")
+            else:
+                output.say(f"  {flaw}")
 
-    if not (checked.records or checked.findings):
-        output.say(f"There are no records in {results}, so nothing was checked.")
-    else:
+    if checked.records or checked.findings:
+        state = output.tally(flaw.sort for flaw in checked.findings) or "all of them intact"
         output.say(
             f"Checked {counted(checked.records, 'record')}, {counted(checked.files, 'file')}, "
-            f"{checked.bytes / 1e6:,.1f} MB: "
-            f"{output.tally(flaw.sort for flaw in checked.findings) or 'all of them intact'}."
+            f"{checked.bytes / 1e6:,.1f} MB: {state}."
         )
+    else:
+        output.say(f"There are no records in {results}, so nothing was checked.")
 
     if checked.left_out:
         count = counted(checked.left_out, "run")
@@ -94,27 +100,26 @@ def _show_checked(checked: "Verified", results: Path) -> None:
 
 def _show_other_code(database: "Results") -> list["OtherCode"]:
     """Prints the records whose users' code is not the present one, or not at hand."""
-    from jbench.store.code import have_changed, short_date
+    from jbench.store.code import short_date
     from jbench.store.manifest import KINDS
     from jbench.training.present import other_code
 
-    records = [record for kind in KINDS for record in database.scan(kind)[0]]
+    records = []
+    for kind in KINDS:
+        readable, _ = database.scan(kind)
+        records += readable
+
     others = list(other_code(records))
     for other in others:
-        what = (
-            f"{have_changed(other.files)} since then" if other.files else "its code is not at hand"
-        )
-        output.say(f"{other.kind} {other.id}, of {short_date(other.created)}: {what}.")
+        output.say(f"{other.kind} {other.id}, of {short_date(other.created)}: {other.difference}.")
 
-    by_state = {
-        "has changed": [other for other in others if other.files],
-        "is not at hand": [other for other in others if not other.files],
-    }
-    states = [
-        f"that of {counted(len(records), 'record')} {state}"
-        for state, records in by_state.items()
-        if records
-    ]
+    changed = sum(bool(other.files) for other in others)
+    missing = len(others) - changed
+    states = []
+    if changed:
+        states.append(f"that of {counted(changed, 'record')} has changed")
+    if missing:
+        states.append(f"that of {counted(missing, 'record')} is not at hand")
     if states:
         output.say(
             f"About your code: {' and '.join(states)}, see above. The files of these records are "
@@ -126,22 +131,11 @@ def _show_other_code(database: "Results") -> list["OtherCode"]:
 
 def _reevaluate_all(database: "Results", accept_changed: bool) -> list["Repeated"]:
     """Repeats the last evaluation of every finished run; prints those that aren't equal."""
-    from jbench.store.provenance import describe_changes
-    from jbench.training.repeat import changes_since, reevaluate
-    from jbench.training.repeated_rows import Repeated
-
     records = [record for record in database.scan("run")[0] if record.is_finished]
     outcomes = []
     with output.progress("reevaluate", len(records), "runs") as progress:
         for done, record in enumerate(records, 1):
-            try:
-                outcomes.append(reevaluate(database, record, accept_changed))
-            except WorkError as error:
-                outcomes.append(Repeated(record.id, "not comparable", str(error)))
-
-            if outcomes[-1].verdict == "different" and (changed := changes_since(record)):
-                reason = f"{outcomes[-1].reason} Since then, {describe_changes(changed)}."
-                outcomes[-1] = outcomes[-1]._replace(reason=reason)
+            outcomes.append(_reevaluate(database, record, accept_changed))
             progress(done)
 
     for outcome in outcomes:
@@ -149,14 +143,34 @@ def _reevaluate_all(database: "Results", accept_changed: bool) -> list["Repeated
             output.say(f"run {outcome.run}\n  {outcome.verdict}: {outcome.reason}")
 
     verdicts = [outcome.verdict for outcome in outcomes if outcome.verdict != "no policy"]
-    if without := len(outcomes) - len(verdicts):
-        left_out = counted(without, "finished run")
+    if len(verdicts) < len(outcomes):
+        left_out = counted(len(outcomes) - len(verdicts), "finished run")
         output.say(f"Left out {left_out} without a saved policy; --json lists them.")
 
     output.say(
         f"Repeated the last evaluations of finished runs: {output.tally(verdicts) or 'none'}."
     )
     return outcomes
+
+
+def _reevaluate(database: "Results", record: "Record", accept_changed: bool) -> "Repeated":
+    """Returns a repeated evaluation; if it differs, the reason names what changed meanwhile."""
+    from jbench.store.provenance import describe_changes
+    from jbench.training.repeat import changes_since, reevaluate
+    from jbench.training.repeated_rows import Repeated
+
+    try:
+        outcome = reevaluate(database, record, accept_changed)
+    except WorkError as error:
+        return Repeated(record.id, "not comparable", str(error))
+
+    if outcome.verdict != "different":
+        return outcome
+
+    changed = changes_since(record)
+    if not changed:
+        return outcome
+    return outcome._replace(reason=f"{outcome.reason} Since then, {describe_changes(changed)}.")
 
 
 def reproduce(
@@ -180,31 +194,24 @@ def reproduce(
     The parts are its last evaluation and its first training episodes.
     """
     os.environ.update(ONE_THREAD)  # as in training, before libraries are imported
-    from jbench.policies.located import SHIPPED
     from jbench.settings.recorded import recorded_episode_steps
     from jbench.store.code import have_changed
     from jbench.store.provenance import describe_changes
-    from jbench.store.shipped import shipped_results
     from jbench.training import repeat
 
-    # A shipped run needs no results directory.
-    database = shipped_results() if run.startswith(SHIPPED) else parsing.results_to_read(results)
-    record = database.find("run", database.complete_id("run", run.removeprefix(SHIPPED)))
-    if record is None:
-        raise database.no_run(run)
+    database, record = _recorded_run(run, results)
+    if episodes is None:
+        episodes = repeat.default_episodes(record)
 
-    episodes = repeat.default_episodes(record) if episodes is None else episodes
     code = repeat.changed_code(record, database, accept_changed_code)
     evaluation = None
     if record.is_finished:
         evaluation = repeat.reevaluate(database, record, accept_changed_code)
 
     retraining = None
-    if not episodes and (evaluation is None or evaluation.verdict == "no policy"):
-        reason = "has not finished" if evaluation is None else "was saved without its policy"
-        raise RequestError(f"{record.id} {reason}: type --episodes 1 or more.")
-
-    if episodes:
+    if episodes == 0:
+        _check_can_be_compared(record, evaluation)
+    else:
         number = max(1, min(episodes, record.rows("episodes")))
         total = number * recorded_episode_steps(record.settings)  # if none ended early
         with output.progress(f"reproduce {record.id}", total, "control steps") as progress:
@@ -230,6 +237,30 @@ def reproduce(
         raise WorkError(f"Nothing of {record.id} could be compared; type --episodes 1 or more.")
 
 
+def _recorded_run(run: str, results: Path) -> tuple["Results", "Record"]:
+    """Returns the results that have a run, and its record; a shipped run needs no `--results`."""
+    from jbench.policies.located import SHIPPED
+    from jbench.store.shipped import shipped_results
+
+    if run.startswith(SHIPPED):
+        database = shipped_results()
+    else:
+        database = parsing.results_to_read(results)
+
+    record = database.find("run", database.complete_id("run", run.removeprefix(SHIPPED)))
+    if record is None:
+        raise database.no_run(run)
+    return database, record
+
+
+def _check_can_be_compared(run: "Record", evaluation: "Repeated | None") -> None:
+    """Raises a RequestError if nothing of a run is repeated without its training episodes."""
+    if evaluation is None:
+        raise RequestError(f"{run.id} has not finished: type --episodes 1 or more.")
+    if evaluation.verdict == "no policy":
+        raise RequestError(f"{run.id} was saved without its policy: type --episodes 1 or more.")
+
+
 def _reason(run: "Record", code: Sequence[str], changed: Mapping[str, object]) -> str:
     """Returns why a run was not reproduced, from the changes of its code and of the versions."""
     from jbench.store.code import have_changed
@@ -245,9 +276,12 @@ def _reason(run: "Record", code: Sequence[str], changed: Mapping[str, object]) -
 
 
 def _sentence(part: "Repeated | None") -> str:
-    """Returns what a run that was trained again has shown."""
-    if part is None or part.verdict != "equal":
-        return f"{part.verdict}. {part.reason}" if part else ""
+    """Returns how a part of a run compares with the recorded one; "" if it was not repeated."""
+    if part is None:
+        return ""
+    if part.verdict != "equal":
+        return f"{part.verdict}. {part.reason}"
+
     returns = f"returns of {counted(len(part.recorded), 'episode')}"
     until = f"up to control step {part.control_steps:,}"
     return f"equal. The {returns}, {until}, are the recorded ones. {part.reason}".rstrip()

@@ -36,25 +36,29 @@ def collect(
     plan = plan_dataset(settings, database)
     settings = plan.settings
     before = database.find("dataset", settings.id)
-    is_finished = before is not None and before.is_finished
-    for sentence in sentences(plan.changed) if before is None else ():
-        output.say(sentence)
-
-    if before is None and robot:
-        output.note_task(checked_task(settings.robot))
-    elif is_finished:
+    steps_to_show = settings.steps
+    if before is None:
+        for sentence in sentences(plan.changed):
+            output.say(sentence)
+        if robot:
+            output.note_task(checked_task(settings.robot))
+    elif before.is_finished:
         output.say(f"The dataset {settings.id} is already finished; nothing to do.")
+        steps_to_show = 0
 
     output.if_stopped(partial(kept_steps, settings, database))
-    left = 0 if is_finished else settings.steps
-    with output.progress("collect", left, "control steps") as progress:
+    with output.progress("collect", steps_to_show, "control steps") as progress:
         record = collect_dataset(settings, database, threads, progress)
 
-    option = _encoder_options(settings.robot) if robot else ""
-    tasks = "" if robot else ", for all five tasks"
+    use = ", for all five tasks"
+    next_command = "jbench train-dae"
+    if robot:
+        use = ""
+        next_command += _encoder_options(settings.robot)
+
     output.say(
         f"Dataset {record.id}: {settings.steps:,} control steps, {record.size / 1e6:.1f} MB, in "
-        f"{record.path}{tasks}. Next: {with_results(f'jbench train-dae{option}', results)}"
+        f"{record.path}{use}. Next: {with_results(next_command, results)}"
     )
     output.document(output.described(record, bytes=record.size))
 
@@ -64,5 +68,6 @@ def _encoder_options(robot: str) -> str:
     from jbench.tasks.find import find_task
 
     size = find_task(robot).observation_size
-    latent = f" --latent {max(1, size // 2)}" if size <= options.LATENTS else ""
-    return f" --task {robot}{latent}"
+    if size > options.LATENTS:
+        return f" --task {robot}"
+    return f" --task {robot} --latent {max(1, size // 2)}"

@@ -9,7 +9,7 @@ from typer import Argument, Option
 from jbench import names, typed_values
 from jbench.commands import options, output, parsing
 from jbench.errors import WorkError
-from jbench.wording import are, counted
+from jbench.wording import are, counted, with_article
 
 if TYPE_CHECKING:
     from jbench.checks.checked import Checked
@@ -26,8 +26,10 @@ def doctor(
     from jbench.checks.machine import check_machine
     from jbench.store import Results
 
-    there = results.exists() or names.is_reference(results)
-    database = parsing.results_to_read(results) if there else Results(results)
+    database = Results(results)
+    if results.exists() or names.is_reference(results):
+        database = parsing.results_to_read(results)
+
     _show(check_machine(database), {})
 
 
@@ -38,7 +40,7 @@ def check(
         help="A task, agent, update rule, kind of encoder or policy of yours, in a module of the "
         "working directory or of an installed package, or by the name of its entry point.",
     ),
-    what: str | None = Option(
+    kind: str | None = Option(
         None,
         "--as",
         metavar="WHAT",
@@ -60,12 +62,14 @@ def check(
     It runs short episodes, in seconds, and writes nothing. A line for each check says what is
     missing; the exit code is 1 if something is.
     """
-    from jbench.checks.code import WHATS, CheckRequest, check_code, find_what
+    from jbench.checks.code import KINDS, CheckRequest, check_code, kind_of_code
 
-    kind = find_what(name) if what is None else typed_values.known("kind of code", what, WHATS)
+    checked_as = (
+        kind_of_code(name) if kind is None else typed_values.known("kind of code", kind, KINDS)
+    )
     request = CheckRequest(name, task, parsing.parse_overrides(set_), latents)
-    output.say(f"{name} is checked as {'an' if kind[0] in 'ae' else 'a'} {kind}.")
-    _show(check_code(kind, request), {"name": name, "what": kind})
+    output.say(f"{name} is checked as {with_article(checked_as)}.")
+    _show(check_code(checked_as, request), {"name": name, "what": checked_as})
 
 
 def _show(lines: Iterable["Checked"], about: dict[str, Any]) -> None:

@@ -40,13 +40,13 @@ def show_explained(records: Sequence["Record"]) -> None:
     for record in records:
         (errors,) = record.read("encoder_errors").to_pylist()
         # Encoders trained before this table existed have no rows.
-        predicted = record.read("encoder_predictions").to_pylist()
+        predictions = record.read("encoder_predictions").to_pylist()
         rows.append(
             {
                 "encoder": record.id,
                 "explained": _share(errors["test_explained"]),
                 "PCA": _share(errors["pca_explained"]),
-                **{row["target"].replace("_", " "): _share(row["r2"]) for row in predicted},
+                **{row["target"].replace("_", " "): _share(row["r2"]) for row in predictions},
             }
         )
 
@@ -62,12 +62,15 @@ def show_explained(records: Sequence["Record"]) -> None:
     explained = row.pop("explained")
     pca = row.pop("PCA")
     latents = records[0].settings["latents"]
-    shown = ", ".join(f"{target} {r2}" for target, r2 in row.items() if r2)
-    output.say(
+    sentence = (
         f"On held-out episodes it explains {explained} of the variance (PCA with "
         f"{counted(latents, 'latent')}: {pca})"
-        + (f" and predicts the next control step with R² {shown}." if shown else ".")
     )
+    predicted = ", ".join(f"{target} {r2}" for target, r2 in row.items() if r2)
+    if predicted:
+        sentence += f" and predicts the next control step with R² {predicted}"
+
+    output.say(f"{sentence}.")
 
 
 def _share(share: float | None) -> str:

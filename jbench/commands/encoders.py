@@ -1,11 +1,9 @@
 """The commands train-encoder and train-dae, which is the same with another help."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache, partial
-from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from typer import Option
 
@@ -13,6 +11,7 @@ from jbench import names, typed_values
 from jbench.commands import options, output, parsing
 from jbench.commands.encoder_tables import show_errors, show_explained
 from jbench.commands.kept import kept_encoders
+from jbench.commands.requested_encoders import Wanted, planned_encoders, with_known_size
 from jbench.representation_names import ENCODER_KINDS
 from jbench.wording import counted, with_results
 
@@ -104,7 +103,7 @@ def train_encoder(
     }
     assigned = (f"{name}={value}" for name, value in typed.items() if value is not None)
     given = parsing.parse_overrides([*assigned, *set_])
-    wanted = _Wanted(
+    wanted = Wanted(
         kinds=kind,
         options=given,
         base=settings,
@@ -113,12 +112,14 @@ def train_encoder(
         seeds=typed_values.parse_numbers(seed, "--seed"),
     )
     # Wrong requests are refused before a dataset is missed.
-    _planned(wanted, None)
+    planned_encoders(wanted, None)
     source = find_dataset(database, dataset, wanted.tasks[0])
     read = lru_cache(1)(partial(States, source, scale=given.get("scale", "dataset")))
-    planned = _planned(wanted, source)
+    planned = planned_encoders(wanted, source)
     if latent is None:
-        planned = [_counted(encoder, read(encoder.task, encoder.seed)) for encoder in planned]
+        planned = [
+            with_known_size(encoder, read(encoder.task, encoder.seed)) for encoder in planned
+        ]
 
     planned = [kept_settings(database, encoder) for encoder in planned]
     planned = _with_recorded_code(planned, database)
@@ -127,16 +128,25 @@ def train_encoder(
         _train_one(encoder, read(encoder.task, encoder.seed), database, train_on)
         for encoder in planned
     ]
-    for record in records if verbose else ():
-        show_errors(record)
+    if verbose:
+        for record in records:
+            show_errors(record)
 
     show_explained(records)
-    first = planned[0]
-    draws = " --encoder-seeds each" if planned[-1].seed != first.seed else ""
-    trial = " --steps 20k --seeds 0-1" if source.episodes < _TRIAL else ""
-    command = f"jbench train --task {first.task} --encoder {first.representation}{draws}{trial}"
-    output.say(f"Next: {with_results(command, results)}")
+    output.say(f"Next: {with_results(_training_command(planned, source), results)}")
     output.document({"encoders": [output.described(record) for record in records]})
+
+
+def _training_command(encoders: Sequence["EncoderSettings"], source: "Dataset") -> str:
+    """Returns the command that trains agents on the first of some encoders."""
+    first = encoders[0]
+    command = f"jbench train --task {first.task} --encoder {first.representation}"
+    if encoders[-1].seed != first.seed:
+        command += " --encoder-seeds each"
+    if source.episodes < _TRIAL:
+        command += " --steps 20k --seeds 0-1"
+
+    return command
 
 
 def _with_recorded_code(
@@ -156,125 +166,67 @@ def _train_one(
     settings: "EncoderSettings", states: "States", database: "Results", device: "torch.device"
 ) -> "Record":
     """Trains one encoder, with its progress; one that is finished is returned as it is."""
-    from jbench.encoders.kind import Learned
-    from jbench.encoders.kinds.predictive import Predictive
-    from jbench.encoders.loop import CHECKPOINT
-    from jbench.encoders.registry import find_kind
     from jbench.encoders.training import train_encoder
-    from jbench.store import locks
+
+    before = database.find("encoder", settings.id)
+    is_finished = before is not None and before.is_finished
+    if before is not None and not is_finished:
+        _say_interrupted(before)
 
     epochs = settings.options.get("epochs")
-    before = database.find("encoder", settings.id)
-    is_held = locks.is_held(database.folder("encoder", settings.id).path)
-    if before is not None and not before.is_finished and not is_held:
-        how = "resumes" if CHECKPOINT in before.roles() else "starts over"
-        output.say(f"The encoder {settings.id} was interrupted; it {how}.")
+    epochs_to_show = epochs or 1
+    if is_finished:
+        epochs_to_show = 0
 
     label = f"{settings.representation} {settings.task}"
-    then = "measuring what the latents explain and predict"
-    is_finished = before is not None and before.is_finished
-    with output.progress(label, 0 if is_finished else epochs or 1, "epochs", then) as progress:
+    last_work = "measuring what the latents explain and predict"
+    with output.progress(label, epochs_to_show, "epochs", last_work) as progress:
         record = train_encoder(settings, states, database, progress, device=device)
 
     if is_finished:
         output.say(f"The encoder {settings.id} is already finished; nothing to do.")
     else:
-        passes = "" if epochs is None else f", {counted(epochs, 'epoch')}"
+        origin = settings.dataset
+        if epochs is not None:
+            origin += f", {counted(epochs, 'epoch')}"
         output.say(
             f"Encoder {settings.id}: {counted(settings.latents, 'latent')} of {states.size} "
-            f"features, from {settings.dataset}{passes}."
+            f"features, from {origin}."
         )
 
-    kind = find_kind(settings.kind)
-    (errors,) = record.read("encoder_errors").to_pylist()
-    explained = errors["test_explained"]
-    pca = errors["pca_explained"]
-    reconstructs = issubclass(kind, Learned) and not issubclass(kind, Predictive)
-    if reconstructs and explained < pca - _FAR_LESS:
-        output.warn(
-            f"{record.id} explains {explained:.3f} of the variance and PCA of the same size "
-            f"{pca:.3f}; train it longer, with --epochs of more than {epochs:,}, or on more steps."
-        )
-
+    _warn_if_far_from_pca(settings, record)
     return record
 
 
-def _counted(encoder: "EncoderSettings", states: "States") -> "EncoderSettings":
-    """Returns settings with the number of latents that a kind of another package has."""
-    import torch
+def _say_interrupted(encoder: "Record") -> None:
+    """Prints how an unfinished encoder goes on, unless another process is training it."""
+    from jbench.encoders.loop import CHECKPOINT
+    from jbench.store import locks
 
-    from jbench.encoders.kind import Fitted
-    from jbench.encoders.registry import find_kind, latent_sizes
-    from jbench.encoders.training import counted_latents
-
-    has_several = len(latent_sizes(encoder.kind, encoder.task, encoder.options)) > 1
-    is_ours = encoder.kind in ENCODER_KINDS
-    if is_ours or not has_several or not issubclass(find_kind(encoder.kind), Fitted):
-        return encoder
-
-    states.read(torch.device("cpu"))
-    observed = states if encoder.columns is None else states.only(encoder.columns)
-    count = counted_latents(encoder.kind, encoder.options, observed, encoder.latents)
-    return encoder.model_copy(update={"latents": count})
+    if locks.is_held(encoder.path):
+        return
+    if CHECKPOINT in encoder.roles():
+        output.say(f"The encoder {encoder.id} was interrupted; it resumes.")
+    else:
+        output.say(f"The encoder {encoder.id} was interrupted; it starts over.")
 
 
-@dataclass(frozen=True)
-class _Wanted:
-    """The encoders that a user wants.
+def _warn_if_far_from_pca(settings: "EncoderSettings", encoder: "Record") -> None:
+    """Warns if an encoder that learns to reconstruct states explains far less of them than PCA."""
+    from jbench.encoders.kind import Learned
+    from jbench.encoders.kinds.predictive import Predictive
+    from jbench.encoders.registry import find_kind
 
-    Attributes:
-        kinds: names with commas.
-        options: of the kinds, those that were typed.
-        base: source of the other options.
-        latent: numbers of latents as typed, or None for 12 or the only size.
-        tasks, seeds: an encoder for each.
-    """
+    kind = find_kind(settings.kind)
+    if not issubclass(kind, Learned) or issubclass(kind, Predictive):
+        return
 
-    kinds: str
-    options: dict[str, Any]
-    base: names.EncoderBase | None
-    latent: str | None
-    tasks: Sequence[str]
-    seeds: Sequence[int]
-
-
-def _planned(wanted: _Wanted, source: "Dataset | None") -> list["EncoderSettings"]:
-    """Returns the settings of an encoder for each task, seed, kind and number of latents.
-
-    If any kind has several sizes, --latent is ignored for kinds that have only one. The dataset is
-    None if it is not known yet.
-    """
-    from jbench.encoders.registry import latent_sizes
-    from jbench.encoders.settings import encoder_settings
-
-    typed = wanted.options
-    latent = wanted.latent or str(options.LATENTS)
-    numbers = typed_values.parse_numbers(latent, "--latent", "12, or 2,4,8, or 1-16")
-    known = dict.fromkeys(
-        name.lower() if name.lower() in ENCODER_KINDS else name for name in wanted.kinds.split(",")
-    )
-
-    planned = []
-    for task in wanted.tasks:
-        possible = {kind: list(latent_sizes(kind, task, typed)) for kind in known}
-        only = {kind: sizes for kind, sizes in possible.items() if len(sizes) == 1}
-        if wanted.latent is not None and len(only) == len(known):
-            only.clear()
-
-        for seed, kind in product(wanted.seeds, known):
-            planned += [
-                encoder_settings(
-                    kind,
-                    typed,
-                    task=task,
-                    seed=seed,
-                    base=wanted.base,
-                    episodes=source.episodes if source else None,
-                    mean_steps=source.control_steps / source.episodes if source else None,
-                    latents=size,
-                    dataset=source.id if source else "any",
-                )
-                for size in only.get(kind, numbers)
-            ]
-
-    return planned
+    (errors,) = encoder.read("encoder_errors").to_pylist()
+    explained = errors["test_explained"]
+    pca = errors["pca_explained"]
+    if explained < pca - _FAR_LESS:
+        epochs = settings.options["epochs"]
+        output.warn(
+            f"{encoder.id} explains {explained:.3f} of the variance and PCA of the same size "
+            f"{pca:.3f}; train it longer, with --epochs of more than {epochs:,}, or on more steps."
+        )

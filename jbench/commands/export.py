@@ -6,11 +6,11 @@ from typing import Literal
 
 from typer import Argument, Option
 
-from jbench import names, wording
+from jbench import names
 from jbench.commands import options, output, parsing
-from jbench.commands.policies import database_and_policy, mark
+from jbench.commands.policies import accepted_code, database_and_policy, mark
 from jbench.errors import RequestError
-from jbench.wording import counted, repair_hint
+from jbench.wording import counted, in_prose, repair_hint
 
 _OPTIONS = {
     "onnx": ("RUN", "--inputs", "--format", "--out", "--accept-changed-code"),
@@ -68,7 +68,15 @@ def export(
 
     Formats: ONNX, Minari, the JSON of HumanoidBench, Croissant.
     """
-    what = "--curves" if curves else format or ("minari" if run is None else "onnx")
+    if curves is not None:
+        kind = "--curves"
+    elif format is not None:
+        kind = format
+    elif run is not None:
+        kind = "onnx"
+    else:
+        kind = "minari"
+
     typed = {
         "RUN": run,
         "--dataset": dataset,
@@ -80,15 +88,15 @@ def export(
         "--accept-changed-code": accept_changed_code or None,
     }
     for option, value in typed.items():
-        if value is not None and option not in _OPTIONS[what]:
-            has = wording.in_prose(_OPTIONS[what], "and")
-            raise RequestError(f"{option} is not for {what}, which has {has}; leave it out.")
+        if value is not None and option not in _OPTIONS[kind]:
+            permitted = in_prose(_OPTIONS[kind], "and")
+            raise RequestError(f"{option} is not for {kind}, which has {permitted}; leave it out.")
 
     if curves is not None:
         _curves(curves, returns or "evaluation", task, results)
-    elif what == "croissant":
+    elif kind == "croissant":
         _croissant(dataset, out, results)
-    elif what == "minari":
+    elif kind == "minari":
         _dataset(dataset, task, out, results)
     elif run is None:
         raise RequestError("--format onnx exports the policy of a run; type jbench export RUN.")
@@ -139,7 +147,6 @@ def _policy(
         if importlib.util.find_spec(package) is None:
             raise RequestError(f"--format onnx needs {package}: type pip install 'jbench[onnx]'.")
 
-    from jbench.policies.code import changed_code
     from jbench.policies.located import locate_run
     from jbench.policies.onnx_export import export_onnx
     from jbench.policies.saved import load_agent
@@ -153,15 +160,22 @@ def _policy(
     located = locate_run(database, name)
     id = located.id
     agent = load_agent(located.results, id, accept_changed)
-    in_si_units = find_task(agent.task).units is not None if inputs is None else inputs == "si"
+    if inputs is None:
+        in_si_units = find_task(agent.task).units is not None
+    else:
+        in_si_units = inputs == "si"
+
     path = out or database.path / "onnx" / f"{id}.onnx"
     difference = export_onnx(agent, id, path, in_si_units)
     size = path.stat().st_size
-    accepted = changed_code(database, name) if accept_changed else None
-    what = "features in SI units" if in_si_units else "the observation of the environment"
+    accepted = accepted_code(database, name, accept_changed)
+    input_of_policy = "the observation of the environment"
+    if in_si_units:
+        input_of_policy = "features in SI units"
+
     output.say(
         f"Exported the policy of {id} for {agent.task}{mark(accepted)}: {size / 1e3:.0f} kB in "
-        f"{path}. Its input is {what}; its actions differ from the policy's by at most "
+        f"{path}. Its input is {input_of_policy}; its actions differ from the policy's by at most "
         f"{difference:.1g}."
     )
     document = {"run": id, "task": agent.task, "path": path}
@@ -179,9 +193,14 @@ def _croissant(dataset: str | None, out: Path | None, results: Path) -> None:
     from jbench.datasets import find_dataset
 
     database = parsing.results_to_read(results)
-    record = None if dataset is None else find_dataset(database, dataset).record
-    there = Path("reference-croissant") if names.is_reference(results) else results / "croissant"
-    folder = out or there
+    record = None
+    if dataset is not None:
+        record = find_dataset(database, dataset).record
+
+    folder = out or results / "croissant"
+    if out is None and names.is_reference(results):
+        folder = Path(f"{names.REFERENCE}-croissant")
+
     written = write_croissant(database, folder, record)
     output.say(
         f"Wrote {counted(len(written) - 1, 'table')} and {METADATA} to {folder}; "
@@ -195,8 +214,12 @@ def _dataset(dataset: str | None, task: str | None, out: Path | None, results: P
     from jbench.datasets import find_dataset
     from jbench.datasets.export import export_minari
 
-    named = {} if task is None else {"task": task}
-    source = find_dataset(parsing.results_to_write(results), dataset, **named)
+    database = parsing.results_to_write(results)
+    if task is None:
+        source = find_dataset(database, dataset)
+    else:
+        source = find_dataset(database, dataset, task)
+
     task = task or source.layout.task
     root = out or results / "minari"
     with output.progress(f"export {task}", source.episodes, "episodes") as progress:

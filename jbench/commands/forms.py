@@ -95,8 +95,11 @@ FILES: Mapping[str, type[BaseModel]] = {
 
 def schema_of(name: str) -> dict[str, Any]:
     """Returns the JSON schema of a document or of a file, one of `DOCUMENTS` and `FILES`."""
-    kind = DOCUMENTS[name] if name in DOCUMENTS else FILES[name]
-    schema = _matrix_file() if kind is Matrix else kind.model_json_schema()
+    if name == "matrix":
+        schema = _matrix_file()
+    else:
+        schema = {**DOCUMENTS, **FILES}[name].model_json_schema()
+
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
 
 

@@ -23,7 +23,9 @@ def kept_steps(settings: DatasetSettings, results: "Results") -> str:
     from jbench.datasets.by_robot import recorded_layout
 
     begun = results.find("dataset", settings.id)
-    steps = 0 if begun is None else recorded_layout(begun).control_steps(begun)
+    steps = 0
+    if begun is not None:
+        steps = recorded_layout(begun).control_steps(begun)
     if not steps:
         return f"No control step is kept yet; {_BEGINS_AGAIN}"
 
@@ -44,8 +46,10 @@ def kept_encoders(encoders: Sequence["EncoderSettings"], results: "Results") -> 
 
     epochs = begun[0].rows("encoder_epochs")
     planned = begun[0].settings["options"]["epochs"]
-    of_which = "" if len(encoders) == 1 else f" of {begun[0].id}"
-    return f"{epochs:,} of {counted(planned, 'epoch')}{of_which} are kept; {_CONTINUES}"
+    done = f"{epochs:,} of {counted(planned, 'epoch')}"
+    if len(encoders) > 1:
+        done += f" of {begun[0].id}"
+    return f"{done} are kept; {_CONTINUES}"
 
 
 def kept_runs(runs: Sequence[RunSettings], results: "Results") -> str:
@@ -95,9 +99,13 @@ def _saved_records(noun: str, count: int, finished: int, begun: int) -> str:
     if finished == count:
         return f"{counted(count, noun)} {are(count)} finished."
 
-    each = "continues it" if begun == 1 else "continues each of these"
-    goes_on = f"{each} from its last checkpoint" if begun else "trains the others"
+    effect = "trains the others"
+    if begun == 1:
+        effect = "continues it from its last checkpoint"
+    elif begun > 1:
+        effect = "continues each of these from its last checkpoint"
+
     return (
         f"Of {counted(count, noun)}, {finished} {are(finished)} finished and {begun} begun; "
-        f"the same command {goes_on}."
+        f"the same command {effect}."
     )

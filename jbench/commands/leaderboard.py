@@ -62,8 +62,10 @@ def leaderboard(
     )
     ranked, problems = ranked_configurations(databases, request)
     table = leaderboard_table(ranked, request.returns)
-    if markdown or as_csv:
-        output.raw(to_markdown(table) if markdown else to_csv(ranked))
+    if markdown:
+        output.raw(to_markdown(table))
+    elif as_csv:
+        output.raw(to_csv(ranked))
     else:
         output.frame(table.title, table.texts(), table.spare)
         output.say(table.caption)

@@ -20,7 +20,7 @@ from jbench import names, task_specs
 from jbench.commands import parsing
 from jbench.cores import cores
 from jbench.settings.algorithms import ALGORITHMS, SETTINGS
-from jbench.settings.base import task_and_representation, typed_default
+from jbench.settings.base import extra, task_and_representation, typed_default
 
 LATENTS = 12  # of the paper's autoencoder: the default
 
@@ -58,8 +58,11 @@ def _parameter(name: str, field: FieldInfo) -> inspect.Parameter:
     default = typed_default(field)
     help = str(field.description)
     type_ = _plain(field.annotation)
-    extra = field.json_schema_extra
-    unit = extra.get("unit") if isinstance(extra, dict) else None
+    unit = extra(field).get("unit")
+    metavar = None
+    if unit:
+        metavar = str(unit).split()[-1].upper()
+
     parser: Callable[[str], int] | None = None
     if type_ is int and unit:
         parser = parsing.count
@@ -76,7 +79,7 @@ def _parameter(name: str, field: FieldInfo) -> inspect.Parameter:
         default,
         f"--{(field.title or name).replace('_', '-')}",
         help=f"{help[0].upper()}{help[1:]}.",
-        metavar=str(unit).split()[-1].upper() if unit else None,
+        metavar=metavar,
         parser=parser,
     )
     return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=option, annotation=type_)
@@ -84,8 +87,9 @@ def _parameter(name: str, field: FieldInfo) -> inspect.Parameter:
 
 def _plain(annotation: Any) -> Any:
     """Returns a type without None and without limits, which the settings check."""
-    wrapped = get_origin(annotation) in (Annotated, Union, UnionType)
-    return _plain(get_args(annotation)[0]) if wrapped else annotation
+    if get_origin(annotation) in (Annotated, Union, UnionType):
+        return _plain(get_args(annotation)[0])
+    return annotation
 
 
 def complete_tasks() -> list[str]:
@@ -96,16 +100,20 @@ def complete_tasks() -> list[str]:
 
 def complete_policies(context: Context) -> list[str]:
     """Offers hand-written policies, runs of --results, and shipped policies."""
-    shipped = [f"{names.REFERENCE}/{id}" for id in _ids(names.REFERENCE, "run", "policy*.json")]
-    return [names.HEURISTIC, "random", "constant:1", *shipped, *_ids(context, "run")]
+    policies = _ids(names.SHIPPED_RESULTS, "run", "policy*.json")
+    shipped = [f"{names.REFERENCE}/{id}" for id in policies]
+    return [names.HEURISTIC, "random", "constant:1", *shipped, *_ids(_typed(context), "run")]
 
 
 def complete_encoders(context: Context, incomplete: str) -> list[str]:
     """Offers the representations of the encoders in --results, and their ids after a slash."""
-    ids = _ids(context, "encoder")
+    ids = _ids(_typed(context), "encoder")
+    if "/" in incomplete:
+        return ids
+
     whole = [id for id in ids if id.count("/") > 1]
     representations = sorted({task_and_representation(id)[1] for id in whole})
-    return ids if "/" in incomplete else ["none", *representations]
+    return ["none", *representations]
 
 
 def _directories(incomplete: str) -> list[str]:
@@ -120,12 +128,16 @@ def _hyperparameters(context: Context) -> list[str]:
     return [f"{name}=" for name in getattr(settings, "model_fields", ())]
 
 
-def _ids(where: Context | str, kind: str, file: str = "manifest.json") -> list[str]:
-    """Returns the ids of records with a file in a directory, or in --results; it need not exist."""
-    typed = where if isinstance(where, str) else where.params.get("results") or names.RESULTS
-    results = Path(typed)
+def _typed(context: Context) -> Path:
+    """Returns the results directory of a command line."""
+    results = Path(context.params.get("results") or names.RESULTS)
     if names.is_reference(results):
-        results = Path(__file__).parents[1] / names.REFERENCE
+        return names.SHIPPED_RESULTS
+    return results
+
+
+def _ids(results: Path, kind: str, file: str = "manifest.json") -> list[str]:
+    """Returns the ids of records with a file in a results directory, which need not exist."""
     root = results / f"{kind}s"
     return sorted(path.parent.relative_to(root).as_posix() for path in root.rglob(file))
 

@@ -8,8 +8,10 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING, Any, TextIO
 
+from jbench import wording
 from jbench.errors import RequestError, WorkError
 from jbench.wording import are, counted
 
@@ -31,29 +33,33 @@ has_document = False
 typed: Sequence[str] = ()
 """The arguments of the command, as they were typed."""
 
-_stopped: Callable[[], str] | str = ""
+_kept: Callable[[], str] = str
+"""Returns what is kept if the command is stopped now; nothing, until the command says it."""
 
 
 def begin(arguments: Sequence[str]) -> None:
     """Sets what this module knows of a command that begins."""
-    global is_json, has_document, typed, _stopped
+    global is_json, has_document, typed, _kept
     typed = arguments
     is_json = "--json" in arguments
     has_document = False
-    _stopped = ""
+    _kept = str
     set_up_streams()
 
 
 def if_stopped(sentence: Callable[[], str] | str) -> None:
     """Sets what Ctrl-C prints from now on: what the command has kept, and how it goes on."""
-    global _stopped
-    _stopped = sentence
+    global _kept
+    if isinstance(sentence, str):
+        _kept = partial(str, sentence)
+    else:
+        _kept = sentence
 
 
 def say_stopped() -> None:
     """Prints that Ctrl-C has ended the command, and what is kept."""
     try:
-        kept = _stopped if isinstance(_stopped, str) else _stopped()
+        kept = _kept()
     except (OSError, RequestError, WorkError):  # the results can't be read
         kept = ""
     print(printable(f"Stopped. {kept}".rstrip()), file=sys.stderr, flush=True)
@@ -86,10 +92,17 @@ def _writing() -> Iterator[None]:
         raise WorkError(f"The output can't be written ({error.strerror}).") from None
 
 
+def _for_people() -> TextIO:
+    """Returns the stream of what people read: with `--json`, not that of the document."""
+    if is_json:
+        return sys.stderr
+    return sys.stdout
+
+
 @_writing()
 def say(text: str) -> None:
     """Prints a line for people."""
-    print(printable(text), file=sys.stderr if is_json else sys.stdout, flush=True)
+    print(printable(text), file=_for_people(), flush=True)
 
 
 @_writing()
@@ -121,7 +134,7 @@ def table(
 
     from jbench.commands.tables import print_table
 
-    stream = sys.stderr if is_json else sys.stdout
+    stream = _for_people()
     cells = [[printable(_short(cell)).replace("\t", " ") for cell in row] for row in rows]
     print_table(Console(file=stream), title, header, cells, width(stream), spare, below)
 
@@ -171,10 +184,12 @@ def _plain(value: Any) -> Any:
         return {str(name): _plain(item) for name, item in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if value is None or isinstance(value, str | int | float):
+        return value
 
-    return value if value is None or isinstance(value, str | int) else str(value)
+    return str(value)
 
 
 @_writing()
@@ -186,11 +201,18 @@ def raw(text: str) -> None:
 
 
 @contextmanager
-def progress(what: str, total: int, unit: str, then: str = "") -> Iterator[Callable[[int], None]]:
+def progress(
+    work: str, total: int, unit: str, last_work: str = ""
+) -> Iterator[Callable[[int], None]]:
     """Shows progress on standard error inside the `with` block; nothing if the total is 0.
 
-    Yields a function that shows how much is done. `then` is what is done after that, before the
-    block ends.
+    Yields a function that shows how much is done.
+
+    Args:
+        work: what is done.
+        total: all that there is to do, in units.
+        unit: its plural.
+        last_work: what is done after that, before the block ends.
     """
     if not total:
         yield lambda done: None
@@ -199,22 +221,32 @@ def progress(what: str, total: int, unit: str, then: str = "") -> Iterator[Calla
     from jbench.commands.progress import Meters
 
     with Meters() as meters:
-        task = meters.add_task(what, total=total, unit=unit)
-        yield lambda done: meters.show_done(
-            task, done, description=f"{what}, {then}" if then and done >= total else what
-        )
+        task = meters.add_task(work, total=total, unit=unit)
+
+        def show_done(done: int) -> None:
+            description = work
+            if last_work and done >= total:
+                description = f"{work}, {last_work}"
+            meters.show_done(task, done, description=description)
+
+        yield show_done
 
 
 def printable(text: str) -> str:
     """Strips control characters from untrusted text."""
-    return "".join(c if c.isprintable() or c in "\n\t" else "\ufffd" for c in text)
+    return wording.printable(text, keeping="\n\t")
 
 
 def _short(cell: object) -> str:
     """Returns a cell as text, numbers with six digits."""
+    if cell is None:
+        return ""
     if not isinstance(cell, float):
-        return "" if cell is None else str(cell)
-    return f"{cell:.0f}" if cell.is_integer() and abs(cell) < 1e15 else f"{cell:.6g}"
+        return str(cell)
+    if cell.is_integer() and abs(cell) < 1e15:
+        return f"{cell:.0f}"
+
+    return f"{cell:.6g}"
 
 
 def tally(words: Iterable[str]) -> str:

@@ -31,14 +31,18 @@ def known_or_held(setting: str, value: str, databases: Sequence["Results"]) -> s
     """
     known = _KNOWN[setting]
     name = value.lower()
-    if (kind_in(name) if setting == "representation" else name) in known:
+    if setting == "representation" and kind_in(name) in known:
+        return name
+    if name in known:
         return name
 
     from jbench.store.listing import setting_values
 
-    held = {text for results in databases for text in setting_values(results, setting)}
-    what = "algorithm" if setting == "algo" else setting
-    return typed_values.known(what, value, sorted({*known, *held}))
+    choices = {*known}
+    for results in databases:
+        choices |= setting_values(results, setting)
+
+    return typed_values.known(_NOUNS[setting], value, sorted(choices))
 
 
 _KNOWN = {
@@ -46,6 +50,7 @@ _KNOWN = {
     "algo": ALGORITHMS,
     "representation": (FULL, OFE, *ENCODER_KINDS),
 }
+_NOUNS = {"task": "task", "algo": "algorithm", "representation": "representation"}
 
 
 def run_filters(
@@ -59,7 +64,9 @@ def run_filters(
     from jbench.report.request import representations_meant
     from jbench.store.listing import setting_values
 
-    filters: dict[str, Collection[Any]] = {} if status is None else {"status": [status]}
+    filters = dict[str, Collection[Any]]()
+    if status is not None:
+        filters["status"] = [status]
     if seed is not None:
         filters["seed"] = typed_values.parse_numbers(seed, "--seed")
 
@@ -71,7 +78,8 @@ def run_filters(
         if setting == "representation":
             held = setting_values(results, setting)
             meant = representations_meant(value, held)
-            value = FULL if value.lower() in NO_ENCODER else value
+            if value.lower() in NO_ENCODER:
+                value = FULL
 
         filters[setting] = meant or [known_or_held(setting, value, [results])]
 
@@ -84,7 +92,9 @@ def seeds(text: str) -> list[int]:
     typed = {"--seeds", f"--seeds={text}"} & set(output.typed)
     if typed and text.isdecimal() and numbers != [0]:
         (number,) = numbers
-        instead = "0 for one seed" if number == 1 else f"0-{number - 1} for {number} seeds"
+        instead = f"0-{number - 1} for {number} seeds"
+        if number == 1:
+            instead = "0 for one seed"
         output.say(f"Note: --seeds {text} is the seed {text} alone; type {instead}.")
     return numbers
 
@@ -103,6 +113,13 @@ def results_to_write(path: Path) -> "Results":
     return shipped.results_to_write(path)
 
 
+def writable(path: Path) -> Path:
+    """Returns a results directory, or the default one in place of the shipped results."""
+    if names.is_reference(path):
+        return Path(names.RESULTS)
+    return path
+
+
 def path(text: str | Path) -> Path:
     """Returns a path as typed; an empty one, as of an unset shell variable, is refused."""
     if not str(text):
@@ -113,26 +130,45 @@ def path(text: str | Path) -> Path:
 def count(text: str | int, least: int = 1, most: float = names.MAX_COUNT) -> int:
     """Returns a whole number, at least 0 or 1, typed as 5000000, 5_000_000, 5e6 or 5M."""
     typed = str(text)
-    scale = _SCALES.get(typed[-1:].lower(), 1)
+    wanted = "a positive whole number"
+    examples = "100000, 100k or 5e6"
+    if least == 0:
+        wanted = "a whole number"
+        examples = "0, 200 or 10k"
+
     try:
-        number = Decimal(typed if scale == 1 else typed[:-1]) * scale
-    except ArithmeticError:  # no number, or one that decimal can't hold
+        number = _scaled(typed)
+    except ArithmeticError:
         number = Decimal(-1)
 
-    what = "a positive whole number" if least else "a whole number"
     if number.is_finite() and number > most:
-        raise BadParameter(f"{typed!r}: type {what} up to {most}")
-
+        raise BadParameter(f"{typed!r}: type {wanted} up to {most}")
     if not (number.is_finite() and number >= least and number == number.to_integral_value()):
-        examples = "100000, 100k or 5e6" if least else "0, 200 or 10k"
-        raise BadParameter(f"{typed!r}: type {what}, such as {examples}")
+        raise BadParameter(f"{typed!r}: type {wanted}, such as {examples}")
 
     return int(number)
 
 
+def _scaled(text: str) -> Decimal:
+    """Returns the number of a text such as 5e6, 100k or 5M.
+
+    Raises an ArithmeticError for another text, and for a number that decimal can't hold.
+    """
+    digits = text
+    scale = 1
+    if text[-1:].lower() in _SCALES:
+        digits = text[:-1]
+        scale = _SCALES[text[-1].lower()]
+
+    return Decimal(digits) * scale
+
+
 def number(text: str | float, least: float = -math.inf) -> float:
     """Returns a number, at least the given one; without one, also an infinity or NaN."""
-    wanted = "a number" if least == -math.inf else f"a number of at least {least:g}"
+    wanted = "a number"
+    if least > -math.inf:
+        wanted = f"a number of at least {least:g}"
+
     parsed: float | None = None
     with contextlib.suppress(ValueError):
         parsed = float(text)
@@ -160,7 +196,9 @@ def parse_overrides(assignments: list[str]) -> dict[str, Any]:
 
 def comma_separated(text: str | None) -> list[str]:
     """Returns the names in a text such as face_direction,dae12; none for None."""
-    return [] if text is None else [name.strip() for name in text.split(",")]
+    if text is None:
+        return []
+    return [name.strip() for name in text.split(",")]
 
 
 def names_of_matrix(text: str | None) -> list[str]:
@@ -181,11 +219,17 @@ def names_of_matrix(text: str | None) -> list[str]:
 def _value(text: str) -> Any:
     """Returns a value of `--set`: a number such as 1k, JSON, a list without brackets, or text."""
     if re.fullmatch(r"\d+(\.\d+)?[kKmM]", text):
-        number = Decimal(text[:-1]) * _SCALES[text[-1].lower()]
-        return int(number) if number % 1 == 0 else text
-    for written in (text, f"[{text}]") if "," in text else (text,):
-        with contextlib.suppress(ValueError):  # also of thousands of digits
-            return json.loads(written)
+        number = _scaled(text)
+        if number % 1:
+            return text
+        return int(number)
+
+    with contextlib.suppress(ValueError):  # also of thousands of digits
+        return json.loads(text)
+    if "," in text:
+        with contextlib.suppress(ValueError):
+            return json.loads(f"[{text}]")
+
     return text
 
 
@@ -197,4 +241,6 @@ def kept_state(whole: bool, compact: bool) -> names.KeepState:
         )
     if compact:
         return "compact"
-    return "whole" if whole else "no"
+    if whole:
+        return "whole"
+    return "no"

@@ -37,7 +37,7 @@ def evaluate(
     **chosen: Any,
 ) -> None:
     """Run episodes of any policy and save their returns."""
-    from jbench.policies.code import changed_code, policy_code, policy_provenance
+    from jbench.policies.code import policy_code, policy_provenance
     from jbench.policies.evaluate import evaluate as run_episodes
     from jbench.policies.evaluate import plan_evaluation
     from jbench.policies.sb3_zip import is_sb3_zip
@@ -48,20 +48,25 @@ def evaluate(
     if target_yaw is not None and not math.isfinite(target_yaw):
         raise RequestError(f"--target-yaw {target_yaw}: type degrees, such as 45.")
 
-    database, policy, task = _find(results, policy, task, chosen["augment"])
-    task = task or "face_direction"
+    database, policy, task = _find(results, policy, task, chosen["augment"], "face_direction")
     about = find_task(task)
+    if target_yaw is not None:
+        target_yaw = math.radians(target_yaw)
+
+    saved_as = policy
+    if is_sb3_zip(policy):
+        saved_as = Path(policy).name
 
     settings = validated(
         EvaluationSettings,
         "the evaluation",
         task=task,
         specs=about.specs,
-        policy=Path(policy).name if is_sb3_zip(policy) else policy,
-        target_yaw=None if target_yaw is None else math.radians(target_yaw),
+        policy=saved_as,
+        target_yaw=target_yaw,
         code=policy_code(policy),
         sources=checksum(policy_provenance(policy).get("sources", {})),
-        accepted=changed_code(database, policy) if accept_changed_code else None,
+        accepted=accepted_code(database, policy, accept_changed_code),
         **chosen,
     )
     settings = plan_evaluation(settings, database, policy).settings
@@ -118,15 +123,13 @@ def render(
     from jbench.opengl import backend_failure
 
     failure = backend_failure()
-    from jbench.policies.code import changed_code
     from jbench.policies.find import find_policy
     from jbench.rendering.episode import Scene
     from jbench.rendering.write import default_size, render_to_file
     from jbench.tasks.find import find_task
     from jbench.tasks.pictures import FREE
 
-    database, policy, task = _find(results, policy, task, augment)
-    task = task or "move_to_pose"
+    database, policy, task = _find(results, policy, task, augment, "move_to_pose")
     about = find_task(task)
     if failure is not None and about.has_physics:
         raise failure
@@ -134,7 +137,8 @@ def render(
         typed_values.known("camera", camera, (*about.cameras, FREE))
 
     length = about.episode_steps
-    steps = length if steps is None else steps
+    if steps is None:
+        steps = length
     if steps > length:
         raise RequestError(f"--steps {steps}: an episode of {task} has {length} control steps.")
 
@@ -143,7 +147,7 @@ def render(
     with output.progress(f"render {policy} {task}", steps, "control steps") as progress:
         last = render_to_file(runner, scene, out, name=policy, steps=steps, progress=progress)
 
-    accepted = changed_code(database, policy) if accept_changed_code else None
+    accepted = accepted_code(database, policy, accept_changed_code)
     output.say(f"{out}: {last.time:.1f} s, return {whole(last.episode_return)}{mark(accepted)}")
     output.document({"path": str(out), "episode_return": last.episode_return, "accepted": accepted})
 
@@ -164,11 +168,19 @@ def view(
     from jbench.rendering.episode import Scene
     from jbench.rendering.viewer import view as open_viewer
 
-    database, policy, task = _find(results, policy, task, augment)
-    task = task or "move_to_pose"
+    database, policy, task = _find(results, policy, task, augment, "move_to_pose")
     runner = find_policy(database, policy, task, seed, accept_changed_code)
     steps = open_viewer(runner, Scene(task, seed, augment=augment))
     output.say(f"Watched {steps} control steps.")
+
+
+def accepted_code(database: "Results", policy: str, accept_changed: bool) -> str | None:
+    """Returns a checksum of a policy's code if it has changed, and the user accepts that."""
+    from jbench.policies.code import changed_code
+
+    if not accept_changed:
+        return None
+    return changed_code(database, policy)
 
 
 def mark(accepted: str | None) -> str:
@@ -177,16 +189,20 @@ def mark(accepted: str | None) -> str:
 
 
 def _find(
-    results: Path, policy: str | None, task: str | None, augment: int | None
-) -> tuple["Results", str, str | None]:
-    """Returns the results, the policy's full name, and the task that was typed or trained on.
+    results: Path, policy: str | None, task: str | None, augment: int | None, default_task: str
+) -> tuple["Results", str, str]:
+    """Returns the results, the policy's full name, and the task.
 
-    Prints notes on the task, and if the robot is not one that the agent was trained on.
+    The task is the one that was typed, or trained on, or the default. Prints notes on it, and if
+    the robot is not one that the agent was trained on.
     """
     from jbench.policies.find import full_name
     from jbench.tasks.find import checked_task
 
-    database, name = database_and_policy(results, names.HEURISTIC if policy is None else policy)
+    if policy is None:
+        policy = names.HEURISTIC
+
+    database, name = database_and_policy(results, policy)
     name, run = full_name(database, name)
     if task is not None:
         output.note_task(checked_task(task))
@@ -194,23 +210,38 @@ def _find(
         task = run.task
 
     if run is not None and isinstance(run.augment, int):
-        seeds = range(run.augment, run.augment + run.robots)
-        if augment not in seeds:
-            there = "the plain robot" if augment is None else f"the augmented robot {augment}"
-            trained = f"{seeds[0]}" if len(seeds) == 1 else f"{seeds[0]} to {seeds[-1]}"
-            output.say(
-                f"Note: {name} was trained on augmented robot {trained}, but this is {there}; "
-                f"type --augment {seeds[-1]} for its {'' if len(seeds) == 1 else 'last '}robot."
-            )
+        trained_on = range(run.augment, run.augment + run.robots)
+        if augment not in trained_on:
+            _note_robot(name, augment, trained_on)
 
-    return database, name, task
+    return database, name, task or default_task
+
+
+def _note_robot(policy: str, augment: int | None, trained_on: range) -> None:
+    """Prints that a policy runs on another robot than the augmented ones of its training."""
+    robot = "the plain robot"
+    if augment is not None:
+        robot = f"the augmented robot {augment}"
+
+    last = trained_on[-1]
+    seeds = f"{trained_on[0]} to {last}"
+    its_robot = "its last robot"
+    if len(trained_on) == 1:
+        seeds = f"{last}"
+        its_robot = "its robot"
+
+    output.say(
+        f"Note: {policy} was trained on augmented robot {seeds}, but this is {robot}; "
+        f"type --augment {last} for {its_robot}."
+    )
 
 
 def database_and_policy(results: Path, policy: str) -> tuple["Results", str]:
     """Returns writable results, and the policy's name: reference/ID with `--results reference`."""
     from jbench.policies.located import SHIPPED
 
-    if not names.is_reference(results):
-        return parsing.results_to_write(results), policy
     is_run = "/" in policy and not policy.startswith(SHIPPED)
-    return parsing.results_to_write(Path(names.RESULTS)), f"{SHIPPED}{policy}" if is_run else policy
+    if is_run and names.is_reference(results):
+        policy = f"{SHIPPED}{policy}"
+
+    return parsing.results_to_write(parsing.writable(results)), policy

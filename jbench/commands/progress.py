@@ -89,35 +89,44 @@ class _Lines:
         for part in _GIVE_WAY:
             if _width(lines, parts) <= width:
                 break
-            instead = ["mean"] if part == "returns" else []
-            parts = [*(other for other in parts if other != part), *instead]
+            parts = [other for other in parts if other != part]
+            if part == "returns":
+                parts.append("mean")
 
         room = width - _width(lines, [part for part in parts if part != "name"])
         bar = BarColumn(bar_width=_BAR)
         table = Table.grid(*(Column(no_wrap=True) for _ in parts), padding=(0, 1, 0, 0))
         for task, line in zip(self.tasks, lines, strict=True):
             line["name"] = shortened(line["name"], max(room - 1, _SHORTEST_NAME))
-            table.add_row(*(bar(task) if part == "bar" else Text(line[part]) for part in parts))
+            cells = {part: Text(text) for part, text in line.items()} | {"bar": bar(task)}
+            table.add_row(*(cells[part] for part in parts))
 
         yield table
 
 
 def _line(task: Task) -> dict[str, str]:
-    """Returns the texts of a task by their parts of a line."""
+    """Returns the texts of a task by their parts of a line; in place of the bar is its room."""
     total = task.total or 0
-    speed = task.speed
-    left = task.time_remaining
-    is_measured = speed is not None and left is not None
-    is_over = task.finished or task.fields.get("has_ended", False)
-    running = is_measured and not is_over and not task.fields.get("warming_up")
     returns: LastReturns = task.fields.get("returns") or LastReturns()
-    return {
+    line = {
         "name": task.description,
+        "bar": " " * _BAR,
         "done": f"{task.completed:,.0f} of {total:,.0f} {task.fields['unit']}",
-        "speed": _per_second(speed) if speed and running else "",
-        "left": f"{duration(left)} left" if left and running else "",
+        "speed": "",
+        "left": "",
         **returns._asdict(),
     }
+    is_over = task.finished or task.fields.get("has_ended", False)
+    if is_over or task.fields.get("warming_up"):
+        return line
+
+    speed = task.speed
+    left = task.time_remaining
+    if speed is not None and left is not None:
+        line["speed"] = _per_second(speed)
+        line["left"] = f"{duration(left)} left"
+
+    return line
 
 
 def _plain_line(task: Task) -> str:
@@ -130,18 +139,17 @@ def _plain_line(task: Task) -> str:
 
 def _per_second(speed: float) -> str:
     """Returns a speed as text."""
-    return f"{speed:,.0f}/s" if speed >= 10 else f"{speed:.2g}/s"
+    if speed >= 10:
+        return f"{speed:,.0f}/s"
+    return f"{speed:.2g}/s"
 
 
 def _width(lines: Sequence[dict[str, str]], parts: Sequence[str]) -> int:
     """Returns the characters of the longest line, whose name may be shortened."""
-    width = len(parts)  # a space after each
-    for part in parts:
-        longest = (
-            _BAR if part == "bar" else max((cell_len(line[part]) for line in lines), default=0)
-        )
-        width += min(longest, _SHORTEST_NAME) if part == "name" else longest
-    return width
+    widths = {part: max((cell_len(line[part]) for line in lines), default=0) for part in parts}
+    if "name" in widths:
+        widths["name"] = min(widths["name"], _SHORTEST_NAME)
+    return sum(widths.values()) + len(parts)  # a space after each
 
 
 class LastReturns(NamedTuple):
@@ -155,9 +163,12 @@ class LastReturns(NamedTuple):
 
 def sparkline(returns: Sequence[float], highest: float, lowest: float = 0.0) -> str:
     """Returns means of consecutive episode returns as bars, between two returns."""
+    if not returns:
+        return ""
+
     span = (highest - lowest) or 1.0
     width = min(len(returns), _SPARKLINE)
-    bounds = [len(returns) * i // width for i in range(width + 1)] if width else []
+    bounds = [len(returns) * i // width for i in range(width + 1)]
     means = [fmean(returns[first:last]) for first, last in itertools.pairwise(bounds)]
     levels = [round((mean - lowest) / span * (len(_BARS) - 1)) for mean in means]
     return "".join(_BARS[min(max(level, 0), len(_BARS) - 1)] for level in levels)

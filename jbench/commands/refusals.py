@@ -50,11 +50,12 @@ def refusal(error: typer.TyperException, arguments: Sequence[str], verbs: Collec
         verb = context.info_name or ""
         message = _verb_refusal(message, error, context, arguments)
 
-    separator = "" if message.endswith("?") else ";"
+    if not message.endswith("?"):
+        message += ";"
     if verb in verbs:
-        return f"{message}{separator} jbench {verb} --help lists the options and shows an example."
+        return f"{message} jbench {verb} --help lists the options and shows an example."
 
-    return f"{message}{separator} jbench --help lists the commands."
+    return f"{message} jbench --help lists the commands."
 
 
 def _option_before_verb(arguments: Sequence[str], verbs: Collection[str]) -> str:
@@ -73,15 +74,17 @@ def _verb_refusal(
     option = getattr(error, "option_name", "")
     if option:
         instead = _instead_of_option(option)
-        its_options = {name for parameter in context.command.params for name in parameter.opts}
-        if instead.partition(" ")[0] in its_options:
+        flag, _, _ = instead.partition(" ")
+        if any(flag in parameter.opts for parameter in context.command.params):
             return f"No such option: {option}; type {instead} instead"
 
     if "unexpected extra argument" in message:
         hint = _instead_of_setting(arguments)
         if not hint and context.info_name == "report":
             hint = "type --curves FILE, or --results DIR"
-        return f"{message}: {hint}" if hint else message
+        if hint:
+            return f"{message}: {hint}"
+        return message
 
     if message.startswith("Missing option"):
         missing = _missing_options(context, arguments)

@@ -104,9 +104,13 @@ def report(
     sides = [Path(side) for side in compare or () if is_directory(side)]
     database, read = _databases(results, sides, curves)
     _check_studies(study)
-    if watch and (json or curves):
-        other = "--json" if json else "--curves"
-        raise RequestError(f"--watch and {other} exclude each other; type one of them.")
+    if watch and json:
+        raise RequestError("--watch and --json exclude each other; type one of them.")
+    if watch and curves is not None:
+        raise RequestError("--watch and --curves exclude each other; type one of them.")
+    if curves is None:  # a file may have tasks and algorithms that only it knows
+        task = task and parsing.known_or_held("task", task, read)
+        algo = algo and parsing.known_or_held("algo", algo, read)
 
     columns_of_table = None
     if table_columns is not None:
@@ -116,8 +120,8 @@ def report(
     request = validated(
         Request,
         "the report",
-        task=task and (task if curves else parsing.known_or_held("task", task, read)),
-        algo=algo and (algo if curves else parsing.known_or_held("algo", algo, read)),
+        task=task,
+        algo=algo,
         formats=tuple(dict.fromkeys(format_)),
         compare=compare,
         curves=curves,
@@ -200,7 +204,11 @@ def _report(database: "Results", out: Path, request: Request) -> None:
     from jbench.report.report import write_report
 
     output.if_stopped(partial(kept_report, out))
-    written = write_report(None if request.curves else database, out, request)
+    source: Results | None = database
+    if request.curves is not None:
+        source = None
+
+    written = write_report(source, out, request)
     frames = written.frames
     _print_tables(frames)
     for note in written.notes:

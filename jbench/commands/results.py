@@ -2,7 +2,7 @@
 
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from typer import Argument, Option
 
@@ -11,6 +11,9 @@ from jbench.errors import RequestError, WorkError
 from jbench.importing.request import ImportRequest
 from jbench.settings.base import validated
 from jbench.wording import are, counted, repair_hint, with_results
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _SHOWN = 100  # rows of a query in a table for people
 _LONGEST = 80  # characters of a cell of it with JSON
@@ -34,24 +37,34 @@ def query(
         raise RequestError("--csv and --json exclude each other; type one of them.")
 
     # The paper's curves are in jbench, so results need not exist.
-    needs_results = named_tables(sql) != {"published"}
-    database = parsing.results_to_read(results) if needs_results else Results(results)
+    database = Results(results)
+    if named_tables(sql) != {"published"}:
+        database = parsing.results_to_read(results)
+
     answer, problems, notes = query_results(database, sql)
     if json:
         output.raw(f"{output.json_text(records(answer))}\n")
     elif as_csv:
         output.raw(to_csv(answer))
     else:
-        first = answer.head(_SHOWN)
-        shown = first.map(_cut)
-        less = f", the first {_SHOWN} shown; --csv prints all" if len(answer) > _SHOWN else ""
-        if not less and not shown.equals(first):
-            less = "; --csv prints long texts whole"
-        output.frame(counted(len(answer), "row") + less, shown)
+        _show_answer(answer)
 
     for note in notes:
         output.warn(note)
     output.warn_of_damage(problems, repair_hint(results))
+
+
+def _show_answer(answer: "pd.DataFrame") -> None:
+    """Prints a table of the first rows of an answer, and says what of it is left out."""
+    first = answer.head(_SHOWN)
+    shown = first.map(_cut)
+    title = counted(len(answer), "row")
+    if len(answer) > _SHOWN:
+        title += f", the first {_SHOWN} shown; --csv prints all"
+    elif not shown.equals(first):
+        title += "; --csv prints long texts whole"
+
+    output.frame(title, shown)
 
 
 def _cut(cell: Any) -> Any:
@@ -59,8 +72,14 @@ def _cut(cell: Any) -> Any:
 
     Its row then stays one of the table.
     """
-    longest = _LONGEST if str(cell).startswith(("{", "[")) else _LONGEST_SENTENCE
-    return cell if len(str(cell)) <= longest else f"{str(cell)[: longest - 1]}…"
+    text = str(cell)
+    longest = _LONGEST_SENTENCE
+    if text.startswith(("{", "[")):
+        longest = _LONGEST
+
+    if len(text) <= longest:
+        return cell
+    return f"{text[: longest - 1]}…"
 
 
 def repair(
@@ -81,22 +100,28 @@ def repair(
     checked = check(database, threads, partial(output.progress, "repair", unit="folders"))
     output.if_stopped("What was moved stays there; the same command moves the rest.")
     done = set_aside(database, checked.findings, dry_run)
-    for moved, to in done.moved:
-        output.say(f"{moved} -> {to}")
+    for source, target in done.moved:
+        output.say(f"{source} -> {target}")
 
     for sentence in done.left:
         output.warn(sentence)
 
-    verb = "Would set" if dry_run else "Set"
     count = counted(len(done.moved), "file")
-    output.say(f"{verb} {count} aside." if done.moved else "Nothing to set aside.")
+    if not done.moved:
+        output.say("Nothing to set aside.")
+    elif dry_run:
+        output.say(f"Would set {count} aside.")
+    else:
+        output.say(f"Set {count} aside.")
+
     if done.commands and not dry_run:
         output.say("\n    ".join(["To make damaged records again, repeat:", *done.commands]))
 
-    moves = [{"from": moved, "to": to} for moved, to in done.moved]
+    moves = [{"from": source, "to": target} for source, target in done.moved]
     output.document({"dry_run": dry_run} | done._asdict() | {"moved": moves})
-    if left := len(done.left):
-        raise WorkError(f"{counted(left, 'problem')} {are(left)} left as before; see above.")
+    if done.left:
+        count = counted(len(done.left), "problem")
+        raise WorkError(f"{count} {are(len(done.left))} left as before; see above.")
 
 
 def merge(
@@ -159,10 +184,10 @@ def import_(
     output.if_stopped("Curves that were imported are kept; the same command imports the others.")
     imported = import_curves(database, files, request)
     for curve in imported:
-        output.say(
-            f"{curve.id}: {curve.points:,} points, {curve.control_steps:,} control steps"
-            + ("" if curve.is_new else "; imported before, nothing is changed")
-        )
+        line = f"{curve.id}: {curve.points:,} points, {curve.control_steps:,} control steps"
+        if not curve.is_new:
+            line += "; imported before, nothing is changed"
+        output.say(line)
 
     new = sum(curve.is_new for curve in imported)
     output.say(

@@ -1,5 +1,6 @@
 """The command runs: a list of runs, or of imported learning curves."""
 
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -17,6 +18,13 @@ if TYPE_CHECKING:
 
 _SPARE = ("created", "wall time", "returns", "episodes", "points", "steps", "status", "variant")
 """Columns that `runs` leaves out on a narrow terminal, the first one first."""
+
+_Listed = Literal["run", "import"]
+
+_POINTS: Mapping[_Listed, str] = {"run": "episodes", "import": "points"}
+"""Column of the number of points of a curve."""
+
+_AT_END = "at the end of training"
 
 
 def runs(
@@ -46,36 +54,42 @@ def runs(
     if failed and status not in (None, "failed"):
         raise RequestError(f"--failed and --status {status} exclude each other; type one of them.")
 
-    filters = parsing.run_filters(database, seed, "failed" if failed else status, **typed)
-    what: Literal["run", "import"] = "import" if imports else "run"
-    lines, problems = list_runs(database, filters, returns, what)
-    rows = [_cells(line, what) for line in lines]
+    if failed:
+        status = "failed"
+    kind: _Listed = "run"
+    if imports:
+        kind = "import"
+
+    filters = parsing.run_filters(database, seed, status, **typed)
+    lines, problems = list_runs(database, filters, returns, kind)
+    rows = [_cells(line, kind) for line in lines]
     if all(line.evaluation_return == line.evaluation_return_at_end for line in lines):
         for row in rows:
             del row[_AT_END]
 
     if rows:
         header = [name for name in rows[0] if any(row[name] not in (None, "") for row in rows)]
-        values = ([row[name] for name in header] for row in rows)
-        cells = [[whole(v) if isinstance(v, float) else v for v in row] for row in values]
-        output.table(counted(len(rows), what), header, cells, _SPARE, below=("error",))
+        cells = [[row[name] for name in header] for row in rows]
+        output.table(counted(len(rows), kind), header, cells, _SPARE, below=("error",))
+    elif filters:
+        output.say(f"No such {kind}s in {results}.")
     else:
-        output.say(f"No such {what}s in {results}." if filters else f"No {what}s in {results}.")
+        output.say(f"No {kind}s in {results}.")
 
-    output.document({f"{what}s": [asdict(line) for line in lines], "problems": problems})
+    output.document({f"{kind}s": [asdict(line) for line in lines], "problems": problems})
     output.warn_of_damage(problems, repair_hint(results))
 
 
-_AT_END = "at the end of training"
+def _cells(line: "RunLine", kind: _Listed) -> dict[str, str | None]:
+    """Returns the cells of a row of the table by their columns; None where a line has no value."""
+    training_return = None
+    if line.returns != "evaluation":
+        training_return = _mean(line.last_return)
 
-
-def _cells(line: "RunLine", what: Literal["run", "import"]) -> dict[str, str | float | None]:
-    """Returns the cells of a row of the table by their columns; returns are numbers."""
-    training_return = None if line.returns == "evaluation" else line.last_return
     return {
-        what: line.run,
+        kind: line.run,
         "status": line.status,
-        "points" if what == "import" else "episodes": f"{line.episodes:,}",
+        _POINTS[kind]: f"{line.episodes:,}",
         "steps": progress_text(line.steps_done, line.steps),
         "wall time": None if line.wall_time is None else duration(line.wall_time),
         "created": line.created[:16].replace("T", " "),
@@ -83,6 +97,11 @@ def _cells(line: "RunLine", what: Literal["run", "import"]) -> dict[str, str | f
         "variant": line.variant,
         "error": line.error,
         "training return": training_return,
-        "evaluation return": line.evaluation_return,
-        _AT_END: line.evaluation_return_at_end,
+        "evaluation return": _mean(line.evaluation_return),
+        _AT_END: _mean(line.evaluation_return_at_end),
     }
+
+
+def _mean(value: float | None) -> str | None:
+    """Returns a mean return as text, if there is one."""
+    return None if value is None else whole(value)

@@ -27,9 +27,10 @@ def schema(
         return
 
     rows = []
-    for each, kind in {**DOCUMENTS, **FILES}.items():
-        what = "--json of a command" if each in DOCUMENTS else "file"
-        rows.append((each, what, (kind.__doc__ or "").strip().partition("\n")[0]))
+    for origin, schemas in {"--json of a command": DOCUMENTS, "file": FILES}.items():
+        for each, kind in schemas.items():
+            meaning, _, _ = (kind.__doc__ or "").strip().partition("\n")
+            rows.append((each, origin, meaning))
 
     output.table("Schemas", ("name", "of", "meaning"), rows)
     output.say("jbench schema NAME prints one as JSON.")

@@ -1,6 +1,6 @@
 """The command sweep: a matrix of configurations."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from jbench.store import Results
     from jbench.studies.matrix import Matrix
     from jbench.sweeps.cell import Cell
+    from jbench.sweeps.scheduler import Executor
 
 
 def sweep(
@@ -90,7 +91,7 @@ def sweep(
     from jbench.commands import training
     from jbench.commands.run_checks import check_runs
     from jbench.commands.sweep_status import show_cells
-    from jbench.commands.until_decided import add_seeds_until_decided, seeds_to_compare
+    from jbench.commands.until_decided import add_seeds_until_decided
     from jbench.sweeps.cell import all_runs, matrix_cells
     from jbench.sweeps.cluster import Ray
     from jbench.sweeps.executors import Local, default_jobs
@@ -98,20 +99,20 @@ def sweep(
     database = parsing.results_to_write(results)
     _check_seeds(until_decided, seeds, only, comparisons, max_seeds)
     limit = names.MAX_SEEDS if max_seeds is None else max_seeds
-    typed = None if seeds is None else parsing.seeds(seeds)
-    wanted = seeds_to_compare(matrix, limit) if until_decided else typed
-    parts = _chosen_parts(matrix, only, steps=steps, seeds=wanted)
-
+    chosen_seeds = _seeds(matrix, seeds, until_decided, limit)
+    parts = _chosen_parts(matrix, only, steps=steps, seeds=chosen_seeds)
     train_on = _device(executor, address, gpus_per_task, parts.values(), device)
     at_once = jobs or default_jobs(train_on)
     keep = parsing.kept_state(keep_state, keep_compact_state)
     worker = training.worker_options(keep, final_episodes, checkpoint_every)
-    local = partial(Local, database, at_once, train_on, **worker)
-    cluster = partial(Ray, database, address, jobs, gpus_per_task, **worker)
+    executors: dict[str, Callable[[], Executor]] = {
+        "local": partial(Local, database, at_once, train_on, **worker),
+        "ray": partial(Ray, database, address, jobs, gpus_per_task, **worker),
+    }
     train = partial(
         training.train_cells,
         results=database,
-        make_executor=local if executor == "local" else cluster,
+        make_executor=executors[executor],
         log=log,
         device=device,
         retry_failed=retry_failed,
@@ -122,10 +123,10 @@ def sweep(
     measured = train_on if executor == "local" else None
     check_runs([cell.runs[0] for cell in cells], keep, measured)
     if until_decided:
-        more = None if dry_run else train
         asked = comparisons or []
+        train_more = None if dry_run else train
         document, count = add_seeds_until_decided(
-            matrix, parts, cells, asked, database, limit, more
+            matrix, parts, cells, asked, database, limit, train_more
         )
     else:
         failures = {} if dry_run else train(cells)
@@ -166,6 +167,17 @@ def _check_seeds(
         raise RequestError("--until-decided decides whole comparisons; name them, without --only.")
     if not until_decided and (comparisons or max_seeds is not None):
         raise RequestError("COMPARISON and --max-seeds are for --until-decided.")
+
+
+def _seeds(matrix: str, typed: str | None, until_decided: bool, limit: int) -> list[int] | None:
+    """Returns the seeds of each configuration; None for those of the matrix."""
+    from jbench.commands.until_decided import seeds_to_compare
+
+    if until_decided:
+        return seeds_to_compare(matrix, limit)
+    if typed is not None:
+        return parsing.seeds(typed)
+    return None
 
 
 def _chosen_parts(

@@ -1,5 +1,6 @@
 """What is finished of a sweep, and how long the rest takes: a table and entries of a document."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, get_args
@@ -89,11 +90,9 @@ def show_cells(
     if times:
         header += ["time left", "estimated from"]
         for row, status in zip(rows, statuses, strict=True):
-            row += [_time(status.seconds_left) if status.steps_left else "", status.estimate]
+            row += [_time_left(status), status.estimate]
 
-        missing = [run for run in all_runs(cells) if run_status(run, results).state == "missing"]
-        notes = dict.fromkeys(note for cell in cells for note in cell.notes)
-        for sentence in (*notes, *new_beginnings(missing, results)):
+        for sentence in _notes(cells, results):
             output.say(sentence)
 
     output.table(title, header, rows, spare=("estimated from",))
@@ -101,6 +100,13 @@ def show_cells(
         output.say(_sentence_on_time_left(statuses, left, jobs))
 
     return {"configurations": entries, "seconds_left": left}
+
+
+def _notes(cells: Sequence[Cell], results: Results) -> list[str]:
+    """Returns what to know of cells before their runs are trained, each sentence once."""
+    notes = dict.fromkeys(itertools.chain.from_iterable(cell.notes for cell in cells))
+    missing = [run for run in all_runs(cells) if run_status(run, results).state == "missing"]
+    return [*notes, *new_beginnings(missing, results)]
 
 
 def _entry(status: CellStatus) -> dict[str, Any]:
@@ -115,7 +121,9 @@ def _settings(cell: Cell) -> ConfigurationSettings:
     first = cell.runs[0]
     encoders = None
     if cell.encoders:
-        encoders = "one" if first.encoder_draws is None else "each"
+        encoders = "each"
+        if first.encoder_draws is None:
+            encoders = "one"
 
     part = None
     changed = ""
@@ -150,11 +158,20 @@ def _header(entries: Sequence[dict[str, Any]]) -> list[str]:
 
 def _text(value: str | int | None) -> str:
     """Returns a field as the table shows it."""
-    return f"{value:,}" if isinstance(value, int) else value or ""
+    if isinstance(value, int):
+        return f"{value:,}"
+    return value or ""
+
+
+def _time_left(status: CellStatus) -> str:
+    """Returns the time left of a cell as the table shows it; "" if no step is left."""
+    if not status.steps_left:
+        return ""
+    return _time(status.seconds_left)
 
 
 def _time(seconds: float | None) -> str:
-    """Returns a time left as the table shows it."""
+    """Returns a time left as text."""
     return "unknown" if seconds is None else duration(seconds)
 
 

@@ -14,6 +14,7 @@ No number is ever cut, and no line breaks within a word, or within a value in br
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Literal
 
 from rich import box
 from rich.cells import cell_len
@@ -46,16 +47,30 @@ class _Column:
     @cached_property
     def least(self) -> int:
         """The width in which no number is cut and no word is broken."""
-        pieces = [piece for cell in self.cells for piece in unbroken(cell)]
-        longest = max((cell_len(piece) for piece in (*self.name.split(), *pieces)), default=0)
-        is_text = any(len(unbroken(cell)) > 1 for cell in self.cells)
-        return max(longest, min(self.natural, _TEXT)) if is_text else longest
+        pieces = self.name.split()
+        for cell in self.cells:
+            pieces += unbroken(cell)
+
+        longest = max(map(cell_len, pieces), default=0)
+        if any(len(unbroken(cell)) > 1 for cell in self.cells):  # a text
+            longest = max(longest, min(self.natural, _TEXT))
+        return longest
 
     @cached_property
     def natural(self) -> int:
         """The width in which every cell is one line."""
-        lines = (line for cell in (self.name, *self.cells) for line in cell.splitlines())
+        lines = self.name.splitlines()
+        for cell in self.cells:
+            lines += cell.splitlines()
+
         return max(map(cell_len, lines), default=0)
+
+    @property
+    def justify(self) -> Literal["left", "right"]:
+        """The side of the column at which its cells begin or end."""
+        if self.is_number:
+            return "right"
+        return "left"
 
     def shortened(self, limit: int) -> "_Column":
         """Returns the column with words of at most `limit` characters, if cells stay different."""
@@ -110,7 +125,11 @@ def print_table(
     # A title is a sentence: its lines end where the table's do.
     console.width = max(width, *map(cell_len, title.split()), 1)
     console.print(Text(title, style="bold"))
-    grid = _list(layout, width) if layout.is_list else _grid(layout, width)
+    if layout.is_list:
+        grid = _list(layout, width)
+    else:
+        grid = _grid(layout, width)
+
     console.width = max(width, sum(column.width or 0 for column in grid.columns) + _margins(2))
     console.print(grid)
     _print_below(console, layout)
@@ -130,18 +149,24 @@ def fitted(
     order = [name for name in spare if name in names]
     for shortest in (_SHORTEST, _SHORTEST_AT_ALL):
         for count in range(len(order) + 1):
-            left_out = order[:count]
-            if _least(_without(beside, left_out), shortest) <= width:
-                # What fits beside the more important columns comes back.
-                for name in reversed(left_out.copy()):
-                    others = [other for other in left_out if other != name]
-                    if _least(_without(beside, others), shortest) <= width:
-                        left_out = others
-
+            if _least(_without(beside, order[:count]), shortest) <= width:
+                left_out = _as_few_as_possible(order[:count], beside, width, shortest)
                 kept = _without(beside, left_out)
                 return TableLayout(_shortened_to_fit(kept, width, shortest), beneath, left_out)
 
     return TableLayout(columns, is_list=True)
+
+
+def _as_few_as_possible(
+    left_out: list[str], columns: list[_Column], width: int, shortest: int
+) -> list[str]:
+    """Returns the columns to leave out, without those that fit beside the more important ones."""
+    for name in reversed(left_out):
+        others = [other for other in left_out if other != name]
+        if _least(_without(columns, others), shortest) <= width:
+            left_out = others
+
+    return left_out
 
 
 def _without(columns: list[_Column], names: Sequence[str]) -> list[_Column]:
@@ -151,8 +176,9 @@ def _without(columns: list[_Column], names: Sequence[str]) -> list[_Column]:
 
 def _least(columns: list[_Column], limit: int | None = None, gap: int = _NARROW_GAP) -> int:
     """Returns the width that columns need side by side, if long words are shortened to a limit."""
-    short = columns if limit is None else [column.shortened(limit) for column in columns]
-    return sum(column.least for column in short) + _margins(len(columns), gap)
+    if limit is not None:
+        columns = [column.shortened(limit) for column in columns]
+    return sum(column.least for column in columns) + _margins(len(columns), gap)
 
 
 def _shortened_to_fit(columns: list[_Column], width: int, shortest: int) -> list[_Column]:
@@ -192,9 +218,7 @@ def _grid(layout: TableLayout, width: int) -> Table:
     grid = Table(header_style="bold", box=box.SIMPLE_HEAD, pad_edge=False, padding=padding)
     widths = _widths(layout, width)
     for column, wide in zip(layout.columns, widths, strict=True):
-        grid.add_column(
-            Text(column.name), justify="right" if column.is_number else "left", width=wide
-        )
+        grid.add_column(Text(column.name), justify=column.justify, width=wide)
 
     for row in zip(*(column.cells for column in layout.columns), strict=True):
         grid.add_row(*map(Text, map(wrapped, row, widths)))

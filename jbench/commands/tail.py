@@ -47,7 +47,10 @@ def tail(
     filters = parsing.run_filters(database, seed, status, **typed)
     follower = Follower(database, filters)
     problems = 0
-    lines = _json_lines if json else _text_lines
+    lines_of = _text_lines
+    if json:
+        lines_of = _json_lines
+
     is_empty = True
     try:
         while True:
@@ -58,8 +61,9 @@ def tail(
                     continue
 
                 is_empty = False
-                rows = change.rows if last is None else _last(change.rows, last)
-                output.raw("".join(f"{line}\n" for line in lines(change._replace(rows=rows))))
+                if last is not None:
+                    change = change._replace(rows=_last(change.rows, last))
+                output.raw("".join(f"{line}\n" for line in lines_of(change)))
 
             if once:
                 break
@@ -80,17 +84,23 @@ def _last(rows: list[tuple[str, "Row"]], episodes: int) -> list[tuple[str, "Row"
     starts = [i for i, (table, _) in enumerate(rows) if table == "episodes"]
     if episodes == 0:
         return []
-    return rows[starts[-episodes] :] if len(starts) > episodes else rows
+    if len(starts) <= episodes:
+        return rows
+    return rows[starts[-episodes] :]
 
 
 def _json_lines(change: "Change") -> Iterator[str]:
     """Yields the rows; before them the run if it is new, after them if its status has changed."""
     from jbench.store.run_line import make_line
 
-    state = [("runs", asdict(make_line(change.record)))]
-    rows = [*state, *change.rows] if change.is_new else change.rows
-    ended = state if change.status_changed and not change.is_new else []
-    for table, row in (*rows, *ended):
+    run = ("runs", asdict(make_line(change.record)))
+    rows = [*change.rows]
+    if change.is_new:
+        rows.insert(0, run)
+    elif change.status_changed:
+        rows.append(run)
+
+    for table, row in rows:
         yield json_format.dumps({"table": table, **row}, allow_nan=False)
 
 
@@ -103,23 +113,31 @@ def _text_lines(change: "Change") -> Iterator[str]:
         row = rows[0]
         steps = f"{rows[0]['control_steps']:,} control steps"
         if table == "metrics":
-            values = ", ".join(
-                f"{row['name']} {_mean([row['value']], '{:.4g}'.format)}" for row in rows
-            )
-            yield f"{run.id}: {steps}, {values}"
+            values = [f"{row['name']} {_mean([row['value']], _four_digits)}" for row in rows]
+            yield f"{run.id}: {steps}, {', '.join(values)}"
             continue
 
         mean = _mean([row["episode_return"] for row in rows], one_decimal)
         if table == "episodes":
-            after = "" if row["wall_time"] is None else f", {duration(row['wall_time'])}"
-            yield f"{run.id}: episode {row['episode']}, return {mean}, {steps}{after}"
+            line = f"{run.id}: episode {row['episode']}, return {mean}, {steps}"
+            if row["wall_time"] is not None:
+                line += f", {duration(row['wall_time'])}"
+            yield line
         else:
             number = row["evaluation"]
             count = counted(len(rows), "episode")
             yield f"{run.id}: evaluation {number} after {steps}, mean return {mean} of {count}"
 
     if change.status_changed and run.status != "unfinished":
-        yield f"{run.id}: {run.status}{f': {run.error}' if run.error else ''}"
+        line = f"{run.id}: {run.status}"
+        if run.error:
+            line += f": {run.error}"
+        yield line
+
+
+def _four_digits(value: float) -> str:
+    """Returns a logged value as text."""
+    return f"{value:.4g}"
 
 
 def _mean(values: list[float | None], form: Form) -> str:

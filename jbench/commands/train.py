@@ -14,6 +14,7 @@ from jbench.errors import RequestError
 from jbench.settings.algorithms import ALGORITHMS
 from jbench.settings.run import TYPED, RunSettings
 from jbench.task_specs import GYM
+from jbench.typed_values import lowered
 
 if TYPE_CHECKING:
     from jbench.sweeps.cell import Cell
@@ -79,7 +80,7 @@ def train(
 
     keep = parsing.kept_state(keep_state, keep_compact_state)
     database = parsing.results_to_write(results)
-    algo = algo.lower() if algo.lower() in ALGORITHMS else algo
+    algo = lowered(algo, ALGORITHMS)
     chosen["engine"] = choose_engine(algo, chosen["engine"])
     train_on = training_device(chosen["engine"], device, chosen["precision"])
     at_once = jobs or default_jobs(train_on)

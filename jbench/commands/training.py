@@ -17,7 +17,7 @@ from jbench.settings.evaluations import EVALUATION_EPISODES
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.store.evaluations import added_returns, last_evaluation_episodes
-from jbench.store.run_line import line_with_returns
+from jbench.store.run_line import RunLine, line_with_returns
 from jbench.sweeps.cell import Cell, all_runs
 from jbench.sweeps.preparation import missing_encoders
 from jbench.sweeps.scheduler import Executor, sweep
@@ -81,10 +81,13 @@ def check_failures(failures: Collection[str], runs: int, results: Results) -> No
 
     records = [results.find_readable("run", id) for id in failures]
     recorded = [record for record in records if record is not None and record.status == "failed"]
-    what = "--retry-failed tries again" if recorded else "the same command tries again"
+    advice = "the same command tries again"
     if len(recorded) == len(failures) and all(map(will_fail_again, recorded)):
-        what = "the same numbers, code and machine make the same error again"
-    raise WorkError(f"{len(failures)} of {counted(runs, 'run')} failed; {what}.")
+        advice = "the same numbers, code and machine make the same error again"
+    elif recorded:
+        advice = "--retry-failed tries again"
+
+    raise WorkError(f"{len(failures)} of {counted(runs, 'run')} failed; {advice}.")
 
 
 def check_left(left: Sized, runs: int) -> None:
@@ -128,7 +131,6 @@ def show_runs(runs: Sequence[RunSettings], results: Results) -> None:
     """Prints the final returns of each run in the results."""
     rows = []
     evaluated = []
-    differs = False
     added, problems = added_returns(results, {run.id: run.model_dump() for run in runs})
     for problem in problems:
         output.warn(problem)
@@ -139,11 +141,7 @@ def show_runs(runs: Sequence[RunSettings], results: Results) -> None:
             if record is not None:
                 more = added.get(run.id, ())
                 line = record.reading(partial(line_with_returns, record, more))
-                status = "" if line.status == "finished" else f" ({line.status})"
-                returns = line.last_return, line.evaluation_return, line.evaluation_return_at_end
-                means = ["" if mean is None else whole(mean) for mean in returns]
-                differs = differs or means[1] != means[2]
-                rows.append([record.id + status, line.episodes, *means])
+                rows.append(_final_returns(line))
                 evaluated.append(record.reading(partial(last_evaluation_episodes, record, more)))
         except WorkError as error:
             output.warn(str(error))
@@ -151,10 +149,33 @@ def show_runs(runs: Sequence[RunSettings], results: Results) -> None:
     if not rows:  # nothing was recorded
         return
 
-    header = ["run", "episodes", "training return", "evaluation return", "at the end of training"]
-    shown = len(header) if differs else len(header) - 1  # jbench evaluate adds episodes
-    about = _about_final_returns(min(filter(None, evaluated), default=0))
-    output.table(about, header[:shown], [row[:shown] for row in rows])
+    # They differ if jbench evaluate has added episodes.
+    if all(row["evaluation return"] == row["at the end of training"] for row in rows):
+        for row in rows:
+            del row["at the end of training"]
+
+    title = _about_final_returns(min(filter(None, evaluated), default=0))
+    output.table(title, list(rows[0]), [list(row.values()) for row in rows])
+
+
+def _final_returns(line: RunLine) -> dict[str, object]:
+    """Returns the cells of a run's final returns by their columns."""
+    run = line.run
+    if line.status != "finished":
+        run += f" ({line.status})"
+
+    return {
+        "run": run,
+        "episodes": line.episodes,
+        "training return": _mean(line.last_return),
+        "evaluation return": _mean(line.evaluation_return),
+        "at the end of training": _mean(line.evaluation_return_at_end),
+    }
+
+
+def _mean(value: float | None) -> str:
+    """Returns a mean return as text; "" if there is none."""
+    return "" if value is None else whole(value)
 
 
 def show_outcome(runs: Sequence[RunSettings], results: Results, failures: dict[str, str]) -> None:
@@ -178,15 +199,19 @@ def show_missing(cells: Sequence[Cell], results: Results) -> list[str]:
     """Prints the datasets and encoders that are made first; returns their ids."""
     missing = missing_encoders(cells, results)
     datasets = [data for data, _ in missing if not results.is_finished("dataset", data.id)]
-    encoders = [encoder for _, unfinished in missing for encoder in unfinished]
+    encoders = []
+    for _, unfinished in missing:
+        encoders += unfinished
+
     for dataset in datasets:
         output.say(
             f"To be collected first: the dataset {dataset.id} of {dataset.steps:,} control steps."
         )
 
-    if encoders:
-        noun = "encoder" if len(encoders) == 1 else "encoders"
-        ids = ", ".join(encoder.id for encoder in encoders)
-        output.say(f"To be trained first: the {noun} {ids}.")
+    ids = ", ".join(encoder.id for encoder in encoders)
+    if len(encoders) == 1:
+        output.say(f"To be trained first: the encoder {ids}.")
+    elif encoders:
+        output.say(f"To be trained first: the encoders {ids}.")
 
     return [*(dataset.id for dataset in datasets), *(encoder.id for encoder in encoders)]

@@ -171,16 +171,27 @@ class _Process:
         if len(values) > _MAX_RETURNS:
             text = f"mean {mean} [{whole(min(values))}, {whole(max(values))}]"
 
-        at = steps / len(self.runs)
-        published = published_median(self.runs[0], at) if self._alike else None
-        lowest, highest = self._range
+        shown_mean = f"mean return {mean}"
+        if len(values) == 1:
+            shown_mean = f"return {mean}"
 
+        lowest, highest = self._range
         return LastReturns(
-            sparkline(self.curve, highest, lowest),
-            f"episode return {text}",
-            f"return {mean}" if len(values) == 1 else f"mean return {mean}",
-            "" if published is None else f"(published {whole(published)})",
+            curve=sparkline(self.curve, highest, lowest),
+            returns=f"episode return {text}",
+            mean=shown_mean,
+            published=self._published(steps / len(self.runs)),
         )
+
+    def _published(self, control_steps: float) -> str:
+        """Returns the paper's median return at a control step of each run, if it has one."""
+        if not self._alike:
+            return ""
+
+        median = published_median(self.runs[0], control_steps)
+        if median is None:
+            return ""
+        return f"(published {whole(median)})"
 
     @property
     def _range(self) -> tuple[float, float]:
@@ -195,9 +206,13 @@ def published_median(run: RunSettings, control_steps: float) -> float | None:
     """Returns the paper's median return at a control step, if it has a curve like the run."""
     from jbench.report.data.curves import best_median
 
-    cell = run.task, run.algo, run.representation
+    cell = (run.task, run.algo, run.representation)
     best = best_median(_published_curves(), cell, control_steps)
-    return None if best is None else best[0]
+    if best is None:
+        return None
+
+    median, _ = best
+    return median
 
 
 @cache

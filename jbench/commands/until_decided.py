@@ -1,5 +1,6 @@
 """`jbench sweep --until-decided`: analyses of comparisons while seeds are added."""
 
+import itertools
 from collections.abc import Callable, Container, Sequence
 from typing import Any
 
@@ -67,7 +68,8 @@ def add_seeds_until_decided(
         configurations = counted(len(needed_next), "configuration")
         output.say(f"Needed next: {counted(len(needed), 'run')} in {configurations}.")
 
-    statuses = run_statuses((run for outcome in reached for run in outcome.needed), results)
+    needed_at_end = itertools.chain.from_iterable(outcome.needed for outcome in reached)
+    statuses = run_statuses(needed_at_end, results)
     document = {"comparisons": [_described(outcome) for outcome in reached], "needed": needed}
     return {**document, "failures": failures_among(statuses)}, len(statuses)
 
@@ -84,10 +86,12 @@ def _show_outcomes(reached: Sequence[Outcome], tried: Container[str]) -> None:
         elif outcome.unknown:
             verdict += f": {outcome.unknown} has no finite return"
 
-        ends = (decision.low, decision.high)
-        difference, interval = (
-            texts(signed, decision.difference, ends) if decision.seeds else ("", "")
-        )
+        difference = ""
+        interval = ""
+        if decision.seeds:
+            ends = (decision.low, decision.high)
+            difference, interval = texts(signed, decision.difference, ends)
+
         name = outcome.comparison.name
         spent = f"{decision.spent:.2%}"
         rows.append((name, verdict, decision.seeds, difference, interval, spent))
@@ -100,7 +104,9 @@ def _show_outcomes(reached: Sequence[Outcome], tried: Container[str]) -> None:
 def _verdict(outcome: Outcome) -> str:
     """Returns the decision in the words of the report."""
     word = QUANTITIES[outcome.comparison.claim].word(outcome.decision.verdict)
-    return f"{word}, within {MARGIN:g}" if word == SIMILAR else word
+    if word == SIMILAR:
+        return f"{word}, within {MARGIN:g}"
+    return word
 
 
 def _described(outcome: Outcome) -> dict[str, Any]:

@@ -80,8 +80,14 @@ def typed(default: Any, unit: str | None = None, **more: Any) -> Any:
 
 def typed_default(field: FieldInfo) -> Any:
     """Returns what users get who don't type a field."""
-    extra = field.json_schema_extra
-    return extra.get("typed", field.default) if isinstance(extra, dict) else field.default
+    return extra(field).get("typed", field.default)
+
+
+def extra(field: FieldInfo) -> Mapping[str, Any]:
+    """Returns what jbench adds to the schema of a field, such as its unit."""
+    if isinstance(field.json_schema_extra, dict):
+        return field.json_schema_extra
+    return {}
 
 
 def canonical_json(settings: Mapping[str, Any]) -> str:

@@ -10,7 +10,14 @@ from typing import Any, NamedTuple
 from jbench import plugins
 from jbench.errors import RequestError, WorkError
 from jbench.store import Record
-from jbench.store.code import MODULES, changed_files, changed_since, code_of, with_data_read
+from jbench.store.code import (
+    MODULES,
+    changed_files,
+    changed_since,
+    code_of,
+    have_changed,
+    with_data_read,
+)
 from jbench.store.manifest import RecordKind
 
 _TASKS = {"dataset": "robot", "run": "task", "evaluation": "task"}
@@ -24,6 +31,13 @@ class OtherCode(NamedTuple):
     id: str
     created: str
     files: tuple[str, ...]
+
+    @property
+    def difference(self) -> str:
+        """A clause on what is not as it was when the record was made."""
+        if not self.files:
+            return "its code is not at hand"
+        return f"{have_changed(self.files)} since then"
 
 
 def other_code(records: Sequence[Record]) -> Iterator[OtherCode]:

@@ -8,7 +8,7 @@ from torch import nn
 
 import jbench
 from jbench.checks import code
-from jbench.checks.code import CheckRequest, check_code, find_what
+from jbench.checks.code import CheckRequest, check_code, kind_of_code
 from jbench.errors import RequestError
 from tests.documentation import ROOT, code_of
 
@@ -56,7 +56,7 @@ def states(document):
     ],
 )
 def test_kind_of_code_is_found_out(modules, name, what):
-    assert find_what(name) == what
+    assert kind_of_code(name) == what
 
 
 def test_agent_of_the_documentation_passes(modules, states):
@@ -189,4 +189,4 @@ def test_option_that_a_kind_of_code_lacks_is_refused(what, option, message):
 def test_installed_policy_is_found_by_its_name(monkeypatch):
     point = EntryPoint("mine", "my_module:policy", "jbench.policies")
     monkeypatch.setattr(code, "offered_policies", lambda: {"mine": point})
-    assert find_what("mine") == "policy"
+    assert kind_of_code("mine") == "policy"

@@ -94,13 +94,15 @@ def _notes(frame: pd.DataFrame, chosen: pd.DataFrame) -> list[str]:
         f"{counted(len(chosen), 'imported curve')} ({', '.join(formats)}) {are(len(chosen))} not "
         "verified: jbench has not run the agents. Imported curves are in no claim."
     ]
-    if logged := [name for name in formats if name not in _EPISODES]:
+    logged = [name for name in formats if name not in _EPISODES]
+    if logged:
         notes.append(
             f"A point of an imported {in_prose(logged)} curve is a value in its file, which need "
             "not be the return of a single episode."
         )
 
-    if shorter := len(frame) - len(chosen):
+    shorter = len(frame) - len(chosen)
+    if shorter:
         notes.append(
             f"{counted(shorter, 'imported curve')} {are(shorter)} not used, since a longer one of "
             "the same seed was imported."

@@ -3,6 +3,7 @@
 import re
 from codecs import BOM_UTF8
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -67,9 +68,9 @@ def read_curves(path: Path, returns: ReturnsName = "evaluation") -> tables.Curve
         counted_steps = points.groupby(_RUN)["length"].cumsum()
         points["steps"] = counted_steps.fillna(points["steps"])
     points = points[_COLUMNS]
-    named = [names for part in parts for names in part.named]
-    others = dict.fromkeys(note for part in parts for note in part.notes)
-    notes = [*found.notes, *notes_on_names(named), *others]
+    named = chain.from_iterable(part.named for part in parts)
+    notes_of_files = dict.fromkeys(chain.from_iterable(part.notes for part in parts))
+    notes = [*found.notes, *notes_on_names(named), *notes_of_files]
     return tables.CurveFile(_checked(points, path), notes)
 
 
@@ -144,7 +145,10 @@ def _from_monitor(file: tables.ImportedFile, returns: ReturnsName) -> tables.Cur
     names = names_in_path(file.path)
     if monitor.env_id not in ("", "None"):
         names = names._replace(task=monitor.env_id, is_task_of_path=False)
-    notes = [_OF_TRAINING.format("a Monitor")] if returns == "evaluation" else []
+
+    notes = []
+    if returns == "evaluation":
+        notes.append(_OF_TRAINING.format("a Monitor"))
     if monitor.restarts:
         notes.append(
             f"The time goes back {counted(len(monitor.restarts), 'time')} in {file.path.name}: it "
@@ -184,7 +188,7 @@ def _from_events(
         raise RequestError(f"No event file in {path} has a scalar; name a folder of trainings.")
 
     notes = _notes_on_events(left_out, empty)
-    tags = {part.columns["return"] for parts in runs.values() for part in parts}
+    tags = {part.columns["return"] for part in chain.from_iterable(runs.values())}
     if returns == "evaluation" and TAGS[0] in tags:
         notes.append(_OF_TRAINING.format(TAGS[0]))
 
@@ -212,14 +216,18 @@ def _notes_on_events(left_out: Mapping[str, Sequence[str]], empty: Sequence[Path
     """Returns sentences on what is not shown: tags, by what is said of them, and empty files."""
     notes = []
     for note, names in left_out.items():
-        where = names[0] if len(names) == 1 else f"{len(names)} event files such as {names[0]}"
-        notes.append(f"Of the tags in {where}, {note}.")
+        files = names[0]
+        if len(names) > 1:
+            files = f"{len(names)} event files such as {names[0]}"
+        notes.append(f"Of the tags in {files}, {note}.")
 
     if empty:
         first = f"{empty[0].resolve().parent.name}/{empty[0].name}"
-        where = first if len(empty) == 1 else f"{len(empty)} event files, such as {first},"
-        verb = "has no scalar and is" if len(empty) == 1 else "have no scalar and are"
-        notes.append(f"{where} {verb} left out.")
+        if len(empty) == 1:
+            notes.append(f"{first} has no scalar and is left out.")
+        else:
+            files = f"{len(empty)} event files, such as {first},"
+            notes.append(f"{files} have no scalar and are left out.")
 
     return notes
 
@@ -229,13 +237,16 @@ def _scalars(
 ) -> tuple[Series, str]:
     """Returns the returns in a file of TensorBoard, and what is said of other tags; "" of none."""
     scalars = events.scalars
-    known = [EVALUATION_TAG, *TAGS] if returns == "evaluation" else [*TAGS]
+    known = [*TAGS]
+    if returns == "evaluation":
+        known.insert(0, EVALUATION_TAG)
+
     tag = next((tag for tag in known if tag in scalars), None)
     if tag is None:
-        found = ", ".join(sorted(scalars)) or "none"
+        its_tags = ", ".join(sorted(scalars)) or "none"
         raise RequestError(
             f"{file.path} has no tag {in_prose(known)}; write a CSV file of one of its tags: "
-            f"{found}."
+            f"{its_tags}."
         )
 
     points = pd.DataFrame(scalars[tag], columns=["control_steps", "wall_time", "episode_return"])
@@ -243,7 +254,9 @@ def _scalars(
         raise RequestError(f"{file.path}: a value of {tag} is not a finite number.")
 
     others = [other for other in (EVALUATION_TAG, *TAGS) if other in scalars and other != tag]
-    note = f"{tag} is shown, not {in_prose(others)}" if others else ""
+    note = ""
+    if others:
+        note = f"{tag} is shown, not {in_prose(others)}"
     return Series(file, seed, returns, points, {"return": tag}, events.resumed_at), note
 
 

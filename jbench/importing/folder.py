@@ -1,6 +1,7 @@
 """The files of a folder that have learning curves."""
 
 from collections.abc import Sequence
+from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
@@ -49,28 +50,29 @@ def curve_files(path: Path, returns: ReturnsName) -> Found:
     kinds = [*of_sb3, ("*.csv", "*.json"), ("progress.txt",), ("*.tfevents.*",)]
     records = {file.parent for file in path.rglob(MANIFEST) if _is_of_record(file)}
     reports = {file.parent for file in path.rglob(LISTING) if file.with_name(PAGE).is_file()}
-    ours = records | reports
-    by_kind = [
-        sorted(
-            file
-            for pattern in patterns
-            for file in path.rglob(pattern)
-            if ours.isdisjoint(file.parents)
-        )
-        for patterns in kinds
-    ]
-    found = next((files for files in by_kind if files), [])
-    if not found and records:
+    by_kind = [_matches(path, patterns, records | reports) for patterns in kinds]
+    files_of_first_kind = next(filter(None, by_kind), [])
+    if not files_of_first_kind and records:
         raise RequestError(
             f"{path} is a results directory of jbench; type --results {path} instead of --curves."
         )
-    if not found:
+    if not files_of_first_kind:
         raise RequestError(
             f"{path} is a directory without a .csv, .json, .npz or event file; name a file."
         )
 
-    every = dict.fromkeys(file for files in by_kind for file in files)
-    return Found(found, [file for file in every if file not in set(found)])
+    # A file may match the patterns of several kinds.
+    others = dict.fromkeys(chain.from_iterable(by_kind))
+    for file in files_of_first_kind:
+        del others[file]
+
+    return Found(files_of_first_kind, [*others])
+
+
+def _matches(folder: Path, patterns: Sequence[str], left_out: set[Path]) -> list[Path]:
+    """Returns the files below a folder that match a pattern, but none in folders to leave out."""
+    files = chain.from_iterable(map(folder.rglob, patterns))
+    return sorted(file for file in files if left_out.isdisjoint(file.parents))
 
 
 def _is_of_record(manifest: Path) -> bool:

@@ -18,7 +18,7 @@ from jbench.store import Results, schema
 from jbench.store.manifest import check_settings
 from jbench.store.record_files import to_table
 from jbench.task_specs import return_range
-from jbench.wording import in_prose
+from jbench.wording import in_prose, printable
 
 _ROUNDING = 0.01  # of rewards that were summed in single precision
 _MAX = {"control_steps": MAX_STEPS, "length": (1 << 31) - 1}  # the column of lengths is int32
@@ -129,8 +129,11 @@ def _check_steps(series: Series, request: ImportRequest) -> None:
     """Raises a RequestError if a curve has no steps, or two returns at one step."""
     points = series.points
     path = series.file.path
-    several = len(points) > 1 if "point" not in points else points["point"].nunique() > 1
-    if several and not points["control_steps"].any():
+    count = len(points)
+    if "point" in points:
+        count = points["point"].nunique()
+
+    if count > 1 and not points["control_steps"].any():
         raise RequestError(
             f"{path}: all control steps of seed {series.seed} are 0; export the curve with its "
             "control steps."
@@ -146,14 +149,13 @@ def _check_steps(series: Series, request: ImportRequest) -> None:
         step = doubled["control_steps"].iloc[0]
         returns = doubled["episode_return"][doubled["control_steps"] == step]
         values = in_prose(map("{:g}".format, returns), "and")
-        instead = (
-            ", or type --returns training if they are episodes of several environments"
-            if series.returns == "training"
-            else ""
-        )
+        advice = "keep one of them"
+        if series.returns == "training":
+            advice += ", or type --returns training if they are episodes of several environments"
+
         raise RequestError(
             f"{path}: seed {series.seed} has the returns {values} at {step:,.0f} control steps; "
-            f"keep one of them{instead}."
+            f"{advice}."
         )
 
 
@@ -183,20 +185,24 @@ def _curve(parts: Sequence[Series], request: ImportRequest) -> _Curve:
     except ValueError as error:
         raise RequestError(f"{first.file.path}: {error}; rename the column in the file.") from None
 
-    names = (str(part.file.path) for part in parts)
-    printable = ["".join(c if c.isprintable() else "_" for c in name) for name in names]
+    names = [printable(str(part.file.path), instead="_") for part in parts]
     points = _joined(parts, order)
     points["import"] = settings.id
-    return _Curve(settings, points, printable)
+    return _Curve(settings, points, names)
 
 
 def _joined(parts: Sequence[Series], order: str | None) -> pd.DataFrame:
     """Returns the points of a seed's files: several environments', or of a continued training."""
-    kept = continued(parts) if order == "control_steps" else [part.points for part in parts]
+    kept = [part.points for part in parts]
+    if order == "control_steps":
+        kept = continued(parts)
+
     points = pd.concat(kept, ignore_index=True)
     if order == "wall_time":  # the order in which episodes ended
         points = points.sort_values("wall_time", kind="stable", ignore_index=True)
         points["control_steps"] = points["length"].cumsum()
     if order is not None:
         points["wall_time"] -= points["wall_time"].min()
-    return points if "point" in points else points.assign(point=points.index, episode=0)
+    if "point" not in points:
+        points = points.assign(point=points.index, episode=0)
+    return points

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping
+from itertools import chain
 from pathlib import Path
 from typing import Literal
 
@@ -81,8 +82,8 @@ def read_named_columns(file: tables.ImportedFile) -> tables.CurveFile:
     metric = next((named[name] for name in _METRIC if name in named), None)
     if "return" not in columns and metric is not None and _VALUE in named:
         columns["return"] = named[_VALUE]
-        table, kept = _only_returns(table, metric, file)
-        notes += kept
+        table, notes_on_metrics = _only_returns(table, metric, file)
+        notes += notes_on_metrics
 
     names = names_in_path(file.path)
     for role in ("seed", "steps", "return"):
@@ -122,10 +123,13 @@ def read_named_columns(file: tables.ImportedFile) -> tables.CurveFile:
 
 def _lacks(role: str, table: pd.DataFrame, file: tables.ImportedFile) -> RequestError:
     """Returns the error for a file that lacks a column."""
-    or_path = ", or put it into a name of the path, such as seed0" if role == "seed" else ""
+    advice = "add or rename it"
+    if role == "seed":
+        advice += ", or put it into a name of the path, such as seed0"
+
     others = in_prose(_NAMES[role][1:4] or _NAMES[role])
     return RequestError(
-        f"{file.path} has no column {role!r}; add or rename it{or_path}: the file needs "
+        f"{file.path} has no column {role!r}; {advice}: the file needs "
         f"{', '.join(_NAMES)} (or names such as {others}), but has {', '.join(map(str, table))}."
     )
 
@@ -144,8 +148,9 @@ def _labels_in_path(
             return {"task": (stem, "file"), "method": (stem, "file")}
         return {"task": (stem, "file"), "method": (names.task, "folder")}
 
-    method = names.task if has_task else names.method
-    return {"task": (names.task, "folder"), "method": (method, "folder")}
+    if has_task:
+        return {"task": (names.task, "folder"), "method": (names.task, "folder")}
+    return {"task": (names.task, "folder"), "method": (names.method, "folder")}
 
 
 def _columns(
@@ -164,16 +169,16 @@ def _columns(
     columns: dict[str, str] = {}
     notes = []
     for role, names in _NAMES.items():
-        found = [named[name] for name in names if name in named]
-        if not found:
-            found = [column for name in names for column in in_groups.get(name, [])]
-            found.sort(key=lambda column: not _usual(column).startswith("eval"))
+        candidates = [named[name] for name in names if name in named]
+        if not candidates:
+            candidates = [*chain.from_iterable(in_groups.get(name, []) for name in names)]
+            candidates.sort(key=lambda column: not _usual(column).startswith("eval"))
 
-        if found:
-            columns[role] = found[0]
-        if role == "return" and len(found) > 1:
-            others = in_prose(found[1:], "and")
-            notes.append(f"The return in {file.path.name} is {found[0]}, not {others}.")
+        if candidates:
+            columns[role] = candidates[0]
+        if role == "return" and len(candidates) > 1:
+            others = in_prose(candidates[1:], "and")
+            notes.append(f"The return in {file.path.name} is {candidates[0]}, not {others}.")
 
     return columns, notes
 
@@ -192,18 +197,21 @@ def _only_returns(
     known = [name for name in metrics if _usual(name) in _NAMES["return"]]
     # In a group of a tracker, such as eval/return.
     known = known or [name for name in metrics if _GROUP.sub("", _usual(name)) in _NAMES["return"]]
-    chosen = metrics if len(metrics) == 1 else known
-    if len(chosen) != 1:
-        found = f"{in_prose(known, 'and')} are returns" if known else "none is a return"
-        raise RequestError(
-            f"{file.path} has the metrics {', '.join(metrics)} in the column {metric!r}; by their "
-            f"names {found}: keep the rows of one, or call it return."
-        )
+    if len(metrics) == 1:
+        if known:
+            return table, []
+        return table, [f"{file.path.name} has one metric, {metrics[0]}, taken for the return."]
 
-    others = [name for name in metrics if name != chosen[0]]
-    notes = []
-    if others:
-        notes.append(f"Of the metrics in {file.path.name}, {chosen[0]} is shown.")
-    elif not known:
-        notes.append(f"{file.path.name} has one metric, {metrics[0]}, taken for the return.")
-    return table[table[metric] == chosen[0]], notes
+    if len(known) == 1:
+        (chosen,) = known
+        note = f"Of the metrics in {file.path.name}, {chosen} is shown."
+        return table[table[metric] == chosen], [note]
+
+    returns = "none is a return"
+    if known:
+        returns = f"{in_prose(known, 'and')} are returns"
+
+    raise RequestError(
+        f"{file.path} has the metrics {', '.join(metrics)} in the column {metric!r}; by their "
+        f"names {returns}: keep the rows of one, or call it return."
+    )

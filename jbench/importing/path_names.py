@@ -49,7 +49,19 @@ class PathNames(NamedTuple):
 
 def without_seed(name: str) -> str:
     """Returns a name without the seed in it; empty if it has nothing else."""
-    return "" if name.isdecimal() else _SEED.sub("", name).strip("_-=. ")
+    if name.isdecimal():
+        return ""
+    return _SEED.sub("", name).strip("_-=. ")
+
+
+def _last_seed(names: Iterable[str]) -> str:
+    """Returns the digits of the last seed in names; "" if there is none."""
+    digits = ""
+    for name in names:
+        for match in _SEED.finditer(name):
+            digits = match["seed"] or match["s"]
+
+    return digits
 
 
 def names_in_path(path: Path) -> PathNames:
@@ -66,12 +78,11 @@ def names_in_path(path: Path) -> PathNames:
     labels = [label for label in map(without_seed, folders) if label]
     task = labels[-1] if labels else "task"
     method = labels[-2] if len(labels) > 1 else "method"
-    found = [match for name in (*folders, path.stem) for match in _SEED.finditer(name)]
-    if found:
-        digits = found[-1]["seed"] or found[-1]["s"]
+    digits = _last_seed([*folders, path.stem])
+    if digits:
         return PathNames(path, task, method, digits, has_seed=True)
 
-    folder = folders[-1] if folders else ""
+    folder = path.resolve().parent.name
     if match := _CLASS_OF_SB3.fullmatch(folder):
         above = [label for label in labels[:-1] if label.lower() != match[1].lower()]
         task = above[-1] if above else "task"
@@ -124,5 +135,9 @@ def _note_on(named: list[PathNames]) -> str:
         return f"{file}: {in_prose(labels, 'and')} are those of its path."
 
     seeds = sorted({names.seed for names in named})
-    labels.append(f"{'seed' if len(seeds) == 1 else 'seeds'} {', '.join(map(str, seeds))}")
+    if len(seeds) == 1:
+        labels.append(f"seed {seeds[0]}")
+    else:
+        labels.append(f"seeds {', '.join(map(str, seeds))}")
+
     return f"{len(named)} files such as {file}: {in_prose(labels, 'and')} are those of their paths."

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from jbench.errors import RequestError
 from jbench.importing.event_file import read_event_file
@@ -52,8 +53,10 @@ def _read_csv(file: ImportedFile, request: ImportRequest) -> list[Series]:
         columns["seed"] = request.seed_column or "seed"
 
     for role, column in columns.items():
-        other = "--seed-from REGEX, or " if role == "seed" else ""
-        check_column(table, column, file, f"type {other}--{role}-column with one of")
+        option = f"--{role}-column"
+        if role == "seed":
+            option = f"--seed-from REGEX, or {option}"
+        check_column(table, column, file, f"type {option} with one of")
 
     points = _points(table, columns, file)
     kind = request.returns_kind(columns["return"])
@@ -77,9 +80,14 @@ def _read_wandb(file: ImportedFile, request: ImportRequest) -> list[Series]:
         )
 
     runs = columns_of_runs(table)
-    metric = request.return_column or (next(iter(runs)) if len(runs) == 1 else "")
+    reason = "not exactly one metric"
+    metric = request.return_column or ""
+    if metric:
+        reason = f"no metric {metric!r}"
+    elif len(runs) == 1:
+        (metric,) = runs
+
     if metric not in runs:
-        reason = f"no metric {metric!r}" if metric else "not exactly one metric"
         raise RequestError(
             f"{file.path} has {reason}; type --return-column with one of "
             f"{', '.join(sorted(runs)) or '(none)'}; a chart has columns 'RUN - METRIC'."
@@ -102,7 +110,9 @@ def _points(table: pd.DataFrame, columns: Mapping[str, str], file: ImportedFile)
         raise RequestError(f"{file.path} has no value of {columns['return']}; leave it out.")
     names = {"control_steps": columns["steps"], "episode_return": columns["return"]}
     points = numbers(rows, names, file)
-    return points.assign(seed=seeds(rows, columns["seed"], file)) if "seed" in columns else points
+    if "seed" in columns:
+        points["seed"] = seeds(rows, columns["seed"], file)
+    return points
 
 
 def _read_monitor(file: ImportedFile, request: ImportRequest) -> list[Series]:
@@ -179,9 +189,9 @@ def read_evaluations(file: ImportedFile) -> pd.DataFrame:
         with np.load(io.BytesIO(file.content), allow_pickle=False) as saved:
             arrays = {n: saved[n].astype(np.float64) for n in _ARRAYS if n in saved}
     except Exception as error:  # a damaged file may raise almost any
-        is_archive = file.content.startswith(b"PK")
-        first_line = next(iter(str(error).splitlines()), type(error).__name__)
-        reason = first_line if is_archive else "it is no archive of arrays"
+        reason = "it is no archive of arrays"
+        if file.content.startswith(b"PK"):
+            reason = next(iter(str(error).splitlines()), type(error).__name__)
         raise RequestError(
             f"{file.path} is cut off, or not an evaluations.npz ({reason})."
         ) from None
@@ -189,11 +199,7 @@ def read_evaluations(file: ImportedFile) -> pd.DataFrame:
     if missing := [name for name in _ARRAYS if name not in arrays]:
         raise RequestError(f"{file.path} is not of an EvalCallback: no {', '.join(missing)}.")
 
-    # Returns of some environments are arrays of one number.
-    steps, returns, lengths = (
-        array[..., 0] if array.ndim == 3 and array.shape[-1] == 1 else array
-        for array in arrays.values()
-    )
+    steps, returns, lengths = map(_numbers_of_episodes, arrays.values())
     shapes = [array.shape for array in (steps, returns, lengths)]
     dimensions = [len(shape) for shape in shapes]
     if dimensions != [1, 2, 2] or shapes[0] != shapes[1][:1] or shapes[1] != shapes[2]:
@@ -208,6 +214,13 @@ def read_evaluations(file: ImportedFile) -> pd.DataFrame:
     return pd.DataFrame(columns, pd.Index(point + 1, name="evaluation"))
 
 
+def _numbers_of_episodes(array: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns an array without its last axis if that has one number, as returns of some have."""
+    if array.ndim == 3 and array.shape[-1] == 1:
+        return array[..., 0]
+    return array
+
+
 def _read_events(file: ImportedFile, request: ImportRequest) -> list[Series]:
     """Returns the values of one tag of TensorBoard; their time is that of the clock, in s."""
     events = read_event_file(file)
@@ -216,9 +229,14 @@ def _read_events(file: ImportedFile, request: ImportRequest) -> list[Series]:
     if not scalars:
         raise RequestError(f"{file.path} has no scalars; leave the file out.")
 
-    tags = [name for name in ([tag] if tag is not None else TAGS) if name in scalars]
+    known = [*TAGS]
+    reason = "not exactly one known tag of returns"
+    if tag is not None:
+        known = [tag]
+        reason = f"no tag {tag!r}"
+
+    tags = [name for name in known if name in scalars]
     if len(tags) != 1:
-        reason = f"no tag {tag!r}" if tag is not None else "not exactly one known tag of returns"
         raise RequestError(
             f"{file.path} has {reason}; type --tag with one of {', '.join(sorted(scalars))}."
         )

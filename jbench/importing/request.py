@@ -93,20 +93,26 @@ class ImportRequest(Labels):
 
         return self
 
-    def seed_in(self, text: str, what: str = "the path") -> int:
-        """Returns the seed that `seed_from` finds in a text, which messages call `what`."""
+    def seed_in(self, text: str, noun: str = "the path") -> int:
+        """Returns the seed that `seed_from` finds in a text, which messages call by the noun."""
         match = re.search(self.seed_from or "", text)
         if match is None:
             raise RequestError(
-                f"--seed-from {self.seed_from} finds nothing in {what} {text}; type an expression "
+                f"--seed-from {self.seed_from} finds nothing in {noun} {text}; type an expression "
                 rf"that matches its seed, such as 'seed(\d+)', or add the seed to the name."
             )
-        digits = match[1] if match.re.groups else match[0]
-        return parse_seed(digits or "", f"--seed-from {self.seed_from} finds in {what} {text}")
+        digits = match[0]
+        if match.re.groups:
+            digits = match[1]
+        return parse_seed(digits or "", f"--seed-from {self.seed_from} finds in {noun} {text}")
 
     def returns_kind(self, column: str) -> ReturnsName:
         """Returns the kind of the returns in a column or tag."""
-        return self.returns or ("evaluation" if column.startswith("eval") else "training")
+        if self.returns is not None:
+            return self.returns
+        if column.startswith("eval"):
+            return "evaluation"
+        return "training"
 
 
 def parse_seed(text: str, where: str) -> int:
@@ -117,10 +123,10 @@ def parse_seed(text: str, where: str) -> int:
     whole = re.sub(r"\.0*$", "", text.strip())
     digits = whole.lstrip("0") or whole[:1]
     if not (digits.isascii() and digits.isdigit() and int(digits[:20]) <= MAX_SEED):
+        problem = f"{where} {text[:40]!r}; a seed is a whole number from 0 up to {MAX_SEED}"
         named = _NAMED_SEED.fullmatch(text.strip())
-        instead = f"; write {named[1]}" if named else ""
-        raise RequestError(
-            f"{where} {text[:40]!r}; a seed is a whole number from 0 up to {MAX_SEED}{instead}."
-        )
+        if named is not None:
+            problem += f"; write {named[1]}"
+        raise RequestError(f"{problem}.")
 
     return int(digits)

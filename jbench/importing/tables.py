@@ -82,14 +82,12 @@ def read_table(file: ImportedFile, skip: int = 0, *, ends_line: bool = True) -> 
     """
     text = _text(file)
     lines = list(io.StringIO(text, newline=""))
-    named = _SEPARATOR.fullmatch(lines[0]) if not skip else None
-    if named:
-        skip = 1
-    elif not skip:
-        skip = _skip_comments(lines)
+    separator = ""
+    if not skip:
+        separator, skip = _head(lines)
 
     with _fields_of_any_length(text):
-        separator = named[1] if named else _separator(lines[skip:])
+        separator = separator or _separator(lines[skip:])
         rows = _rows(file, lines, skip, separator)
 
     header = [name.strip() for name in next(iter(rows.values()), [])]
@@ -135,9 +133,12 @@ def _text(file: ImportedFile) -> str:
             f"{file.path} is a file of TensorBoard, not CSV; type --from tensorboard."
         )
 
-    is_utf16 = file.content.startswith((BOM_UTF16_LE, BOM_UTF16_BE))
+    encoding = "utf-8-sig"
+    if file.content.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
+        encoding = "utf-16"
+
     try:
-        text = file.content.decode("utf-16" if is_utf16 else "utf-8-sig")
+        text = file.content.decode(encoding)
     except UnicodeDecodeError:
         text = "\0"
 
@@ -151,6 +152,14 @@ def _text(file: ImportedFile) -> str:
         )
 
     return text
+
+
+def _head(lines: list[str]) -> tuple[str, int]:
+    """Returns the separator that a file names, or "", and the number of lines above its header."""
+    named = _SEPARATOR.fullmatch(lines[0])
+    if named is not None:
+        return named[1], 1
+    return "", _skip_comments(lines)
 
 
 def _skip_comments(lines: list[str]) -> int:
@@ -227,10 +236,10 @@ def _rows(file: ImportedFile, lines: list[str], skip: int, separator: str) -> di
             if any(field.strip() for field in fields):
                 rows[skip + reader.line_num] = fields
     except csv.Error as error:
-        is_cut = "end of data" in str(error)
-        last = f"{file.path}, line {len(lines)}: "
-        reason = f"{last}the file is cut off" if is_cut else f"{file.path}: {error}"
-        raise RequestError(f"{reason}; it can't be read as CSV.") from None
+        problem = f"{file.path}: {error}"
+        if "end of data" in str(error):
+            problem = f"{file.path}, line {len(lines)}: the file is cut off"
+        raise RequestError(f"{problem}; it can't be read as CSV.") from None
 
     return rows
 

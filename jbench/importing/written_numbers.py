@@ -48,12 +48,10 @@ def correction_of(text: str) -> str:
         return f"write {text.replace('.', '').replace(',', '.')}"
 
     if _THOUSANDS.fullmatch(text):
-        whole = text.replace(",", "")
-        is_ambiguous = text.count(",") == 1 and "." not in text
-        decimal = (
-            f", or {text.replace(',', '.')} if that is a decimal comma" if is_ambiguous else ""
-        )
-        return f"write {whole}{decimal}"
+        correction = f"write {text.replace(',', '')}"
+        if text.count(",") == 1 and "." not in text:
+            correction += f", or {text.replace(',', '.')} if that is a decimal comma"
+        return correction
 
     if _DECIMAL_COMMA.fullmatch(text):
         return f"write {text.replace(',', '.')}"

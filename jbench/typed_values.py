@@ -14,14 +14,27 @@ from jbench.wording import in_prose
 _Name = TypeVar("_Name", bound=str)
 
 
-def known(what: str, value: str, names: Sequence[_Name]) -> _Name:
+def known(noun: str, value: str, names: Sequence[_Name]) -> _Name:
     """Returns the value if it is one of the names; raises a RequestError that lists them if not."""
     for name in names:
         if name == value:
             return name
-    close = closest(value, names)
-    hint = f"did you mean {close}? Choose" if close else "choose"
-    raise RequestError(f"Unknown {what} {value!r}; {hint} {in_prose(names)}.")
+    advice = suggested(closest(value, names), f"choose {in_prose(names)}")
+    raise RequestError(f"Unknown {noun} {value!r}; {advice}.")
+
+
+def question(close: str | None) -> str:
+    """Returns the question whether a similar name was meant, with a space after it; "" of None."""
+    if close is None:
+        return ""
+    return f"did you mean {close}? "
+
+
+def suggested(close: str | None, advice: str) -> str:
+    """Returns advice as a clause, or as a sentence after the question on a similar name."""
+    if close is None:
+        return advice
+    return question(close) + advice[:1].upper() + advice[1:]
 
 
 def lowered(name: str, names: Iterable[str]) -> str:
@@ -59,10 +72,16 @@ def parse_numbers(
     numbers: set[int] = set()
     for part in text.split(","):
         match = re.fullmatch(r"(\d{1,19})(?:-(\d{1,19}))?", part.strip())
-        first, last = (int(match[1]), int(match[2] or match[1])) if match else (0, -1)
+        if match is None:
+            raise RequestError(f"{option} {text}: type {example}.")
+
+        first = int(match[1])
+        last = int(match[2] or first)
         if not 0 <= last - first < 10_000:  # more is a typing error
             raise RequestError(f"{option} {text}: type {example}.")
+
         numbers.update(range(first, last + 1))
+
     return sorted(numbers)
 
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from jbench.errors import RequestError
 from jbench.settings.base import settings_hash
 from jbench.tasks.find import find_task
-from jbench.typed_values import closest
+from jbench.typed_values import closest, suggested
 
 ALL_BUT = "without"
 ONLY = "of"
@@ -68,7 +68,9 @@ def shortest(task: str, features: Sequence[str] | None) -> list[str] | None:
         return None
     names_kept = _names(task, kept)
     names_left = [f"-{name}" for name in _names(task, left)]
-    return names_kept if len(names_kept) < len(names_left) else names_left
+    if len(names_kept) < len(names_left):
+        return names_kept
+    return names_left
 
 
 def in_name(features: Sequence[str]) -> str:
@@ -76,7 +78,10 @@ def in_name(features: Sequence[str]) -> str:
 
     Names are joined by dots.
     """
-    word = ALL_BUT if features[0].startswith("-") else ONLY
+    word = ONLY
+    if features[0].startswith("-"):
+        word = ALL_BUT
+
     names = ".".join(name.removeprefix("-") for name in features)
     if len(names) <= _LONGEST and re.fullmatch(r"[A-Za-z0-9_.]+", names):
         return f"{word}-{names}"
@@ -85,9 +90,11 @@ def in_name(features: Sequence[str]) -> str:
 
 def from_name(text: str) -> list[str]:
     """Returns the list of features that `in_name` has made a name of, unless that is a hash."""
-    word, _, names = text.partition("-")
-    sign = "-" if word == ALL_BUT else ""
-    return [f"{sign}{name}" for name in names.split(".")]
+    word, _, joined = text.partition("-")
+    names = joined.split(".")
+    if word == ALL_BUT:
+        return [f"-{name}" for name in names]
+    return names
 
 
 def _names(task: str, chosen: Sequence[int]) -> list[str]:
@@ -123,14 +130,14 @@ def _columns_of_parts(task: str) -> dict[str, list[int]]:
 
 def _unknown(task: str, name: str) -> RequestError:
     """Returns the refusal of a feature that a task does not have, with those that it has."""
-    found = find_task(task)
-    close = closest(name, [*found.parts, *found.labels])
-    hint = f"did you mean {close}? It" if close else "it"
-    labels = found.labels
-    parts = [
-        part if len(some) == 1 else f"{part} ({', '.join(labels[column] for column in some)})"
-        for part, some in _columns_of_parts(task).items()
-    ]
-    return RequestError(
-        f"The observation of {task} has no feature {name}; {hint} has {', '.join(parts)}."
-    )
+    about = find_task(task)
+    parts = []
+    for part, columns_of_part in _columns_of_parts(task).items():
+        labels = [about.labels[column] for column in columns_of_part]
+        if len(labels) > 1:
+            part += f" ({', '.join(labels)})"
+        parts.append(part)
+
+    close = closest(name, [*about.parts, *about.labels])
+    advice = suggested(close, f"it has {', '.join(parts)}")
+    return RequestError(f"The observation of {task} has no feature {name}; {advice}.")

@@ -39,9 +39,16 @@ def find_encoder(
     if plugins.is_imported(name) and name.partition(":")[0] not in kind_names():
         raise _not_an_encoder(results, name, task)
 
-    wanted = named_encoder(f"dae{name}" if name.isdecimal() else name, task)
+    if name.isdecimal():
+        wanted = named_encoder(f"dae{name}", task)
+    else:
+        wanted = named_encoder(name, task)
+
     # A kind that was given as MODULE:CLASS is known only by its name in the ids.
-    representation = name if wanted is None else wanted.representation
+    representation = name
+    if wanted is not None:
+        representation = wanted.representation
+
     matches = _matches(results, representation, task)
     if not matches and wanted is not None:
         raise RequestError(
@@ -143,7 +150,7 @@ def encoder_code(results: Results, id: str | None) -> dict[str, Any]:
 
     There is none for kinds of jbench, and for an encoder that is not in the results.
     """
-    record = None if id is None else results.find_readable("encoder", id)
+    record = results.find_readable("encoder", id)
     if record is None:
         return {}
     return {f"encoder_{key}": value for key, value in present_code(record).items()}
@@ -173,7 +180,9 @@ def kept_settings(results: Results, settings: EncoderSettings) -> EncoderSetting
     reported by what reads it.
     """
     older = settings.without_names
-    return older if results.has("encoder", older.id) else settings
+    if results.has("encoder", older.id):
+        return older
+    return settings
 
 
 class Draws(NamedTuple):

@@ -70,7 +70,9 @@ class Kind(Settings):
     @classmethod
     def _separated(cls, value: Any) -> Any:
         """Separates the names of a text such as position,velocity_angular_z."""
-        return [name.strip() for name in value.split(",")] if isinstance(value, str) else value
+        if isinstance(value, str):
+            return [name.strip() for name in value.split(",")]
+        return value
 
     @property
     def steps_ahead(self) -> int:

@@ -17,7 +17,7 @@ from jbench.store import Record, Results
 from jbench.store.code import ChangedCodeError, check_code
 from jbench.store.provenance import shell_command
 from jbench.store.shipped import results_to_read
-from jbench.typed_values import closest
+from jbench.typed_values import closest, question
 from jbench.wording import with_results
 
 
@@ -65,16 +65,18 @@ def _no_encoder(results: Results, id: str) -> RequestError:
     """Returns the error for an encoder that does not exist: those that do, or how to make one."""
     ids = [record.id for record in results.scan("encoder")[0] if record.is_finished]
     if ids:
-        there = f"there are {', '.join(ids)}"
+        choices = f"there are {', '.join(ids)}"
     else:
         command = with_results("jbench train-dae", results.name)
-        there = f"there is none yet: run {command}, or jbench train-encoder for another kind"
+        choices = f"there is none yet: run {command}, or jbench train-encoder for another kind"
 
     typed = kind_in(id)
-    meant = closest(typed, [*ENCODER_KINDS])
-    hint = f"did you mean {meant}? " if meant not in (None, typed) and "/" not in id else ""
+    close = closest(typed, [*ENCODER_KINDS])
+    if close != typed and "/" not in id:
+        choices = f"{question(close)}{choices}"
+
     return RequestError(
-        f"No encoder {id} in {results.name}; {hint}{there}. A kind with a number of latents, "
+        f"No encoder {id} in {results.name}; {choices}. A kind with a number of latents, "
         "such as dae12, selects the newest one."
     )
 

@@ -25,7 +25,9 @@ _OPTION = re.compile(r"-([a-z_]+)-([A-Za-z0-9_.]+)")
 def options_in_name(options: Mapping[str, Any]) -> str:
     """Returns options as a part of a name: epochs-20-noise-0.2, or a hash of long ones."""
     name = "-".join(f"{option}-{_value_in_name(value)}" for option, value in options.items())
-    return name if len(name) <= _LONGEST else f"{_HASHED_OPTIONS}-{settings_hash(options)}"
+    if len(name) > _LONGEST:
+        return f"{_HASHED_OPTIONS}-{settings_hash(options)}"
+    return name
 
 
 def options_from_name(match: re.Match[str], task: str) -> dict[str, Any] | None:
@@ -61,10 +63,14 @@ def as_typed(value: Any) -> str:
     """Returns the value of an option as users type it, without an exponent."""
     if isinstance(value, float):
         return np.format_float_positional(value, trim="-")
-    return value if isinstance(value, str) else json.dumps(value)
+    if isinstance(value, str):
+        return value
+    return json.dumps(value)
 
 
 def _value_in_name(value: Any) -> str:
     """Returns a value as a part of a name, or its hash if it has other letters."""
     text = as_typed(value)
-    return text if re.fullmatch(r"[A-Za-z0-9_.]+", text) else settings_hash({"value": value})
+    if re.fullmatch(r"[A-Za-z0-9_.]+", text):
+        return text
+    return settings_hash({"value": value})

@@ -40,6 +40,10 @@ class Followed:
             self._starts[ahead] = (self.counts >= ahead).nonzero()[:, 0]
         return self._starts[ahead]
 
+    def to(self, device: torch.device) -> "Followed":
+        """Returns a copy on a device."""
+        return Followed(self.counts.to(device))
+
 
 class Shard(NamedTuple):
     """Whole episodes: of one length, or one after another in a row.
@@ -66,8 +70,13 @@ class Shard(NamedTuple):
         if self.followed is not None:
             rows = self.followed.starts(ahead)[indices]
             now = states.index_select(0, rows)
-            batch = StatePairs(now, states.index_select(0, rows + ahead) if ahead else now)
-            return self._with_actions(batch, rows, ahead) if ahead and with_actions else batch
+            if not ahead:
+                return StatePairs(now, now)
+
+            batch = StatePairs(now, states.index_select(0, rows + ahead))
+            if not with_actions:
+                return batch
+            return self._with_actions(batch, rows, ahead)
 
         if not ahead:
             now = states.index_select(0, indices)
@@ -102,10 +111,10 @@ class Shard(NamedTuple):
 
     def to(self, device: torch.device) -> "Shard":
         """Returns a copy on a device."""
-        counts = None if self.followed is None else self.followed.counts.to(device)
-        followed = None if counts is None else Followed(counts)
         states, actions, rewards = (part.to(device) for part in self[:3])
-        return Shard(states, actions, rewards, followed)
+        if self.followed is None:
+            return Shard(states, actions, rewards)
+        return Shard(states, actions, rewards, self.followed.to(device))
 
 
 def state_pairs(

@@ -84,8 +84,10 @@ def predictions(kind: Kind, weights: Weights, states: States) -> list[dict[str, 
 
     rows = []
     for target, some in columns.items():
-        is_linear = (linear_r2[target] or 0) >= _LINEAR
-        amplitude = float(amplitudes[some].square().mean().sqrt()) if is_linear else None
+        amplitude = None
+        if (linear_r2[target] or 0) >= _LINEAR:
+            amplitude = float(amplitudes[some].square().mean().sqrt())
+
         rows.append(
             {
                 "target": target,
@@ -174,10 +176,11 @@ def _r2(
     """Returns the R² of each target, which has some of the columns; None if it is constant."""
     squares = (predicted - targets).square().mean(0)
     variance = targets.var(0, correction=0)
-    r2: dict[str, float | None] = {}
+    r2: dict[str, float | None] = dict.fromkeys(columns)
     for name, some in columns.items():
         total = float(variance[some].sum())
-        r2[name] = 1 - float(squares[some].sum()) / total if total > 0 else None
+        if total > 0:
+            r2[name] = 1 - float(squares[some].sum()) / total
 
     return r2
 

@@ -52,12 +52,14 @@ class TorchEncoder(Fitted):
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
         """Returns the latents (..., latents) of the module with the saved parameters."""
-        states = scaled if isinstance(scaled, Tensor) else torch.from_numpy(scaled)
+        if not isinstance(scaled, Tensor):
+            return self.encode(weights, torch.from_numpy(scaled)).numpy()
+
         named = self._latents.state_dict()
         values = {name: torch.as_tensor(weights[name.removeprefix(_PREFIX)]) for name in named}
         with torch.no_grad():
-            latents: Tensor = torch.func.functional_call(self._latents, values, (states,))
-        return latents if isinstance(scaled, Tensor) else latents.numpy()
+            latents: Tensor = torch.func.functional_call(self._latents, values, (scaled,))
+        return latents
 
     @cached_property
     def _latents(self) -> torch.nn.Module:

@@ -62,19 +62,18 @@ def error_rows(
     for episodes, (shards, moments) in evaluated.items():
         errors = reconstruction_errors(kind, on_device, shards)
         mses = {episodes: errors.mse}
-        ending = "" if episodes == "test" else f"_{episodes}"
         for name, (baseline, fitted) in baselines.items():
-            mses[f"{name}{ending}"] = affine_errors(baseline, fitted, moments)
+            if episodes != "test":
+                name += f"_{episodes}"
+            mses[name] = affine_errors(baseline, fitted, moments)
 
         for name, mse in mses.items():
             columns[f"{name}_mse"] = mse
 
         columns[f"{episodes}_variance"] = errors.variance
         totals[f"{episodes}_states"] = moments.rows
-        total = errors.variance.sum()
-
         for name, mse in mses.items():
-            totals[f"{name}_explained"] = float(1 - mse.sum() / total) if total else 0.0
+            totals[f"{name}_explained"] = _explained(mse, errors.variance)
 
     for name, values in columns.items():
         totals[name] = float(values.mean())
@@ -85,6 +84,14 @@ def error_rows(
         features.append({**feature, **{name: values[i] for name, values in columns.items()}})
 
     return {"encoder_features": features, "encoder_errors": [totals]}
+
+
+def _explained(mse: FloatArray, variance: FloatArray) -> float:
+    """Returns the share of the variance that is no error; 0 of states that do not vary."""
+    total = variance.sum()
+    if not total:
+        return 0.0
+    return float(1 - mse.sum() / total)
 
 
 def _heuristic_states(states: States) -> _Evaluated:
@@ -101,9 +108,13 @@ def reconstruction_errors(
     kind: Kind, weights: Mapping[str, Tensor], shards: Iterable[Shard]
 ) -> _Errors:
     """Returns the errors of a kind's reconstruction of states, or of those that it decodes."""
+    steps_to_decoded = 0
+    if kind.decodes_later:
+        steps_to_decoded = kind.steps_ahead
+
     sums: Any = 0
     count = 0
-    for batch in state_pairs(shards, kind.steps_ahead if kind.decodes_later else 0):
+    for batch in state_pairs(shards, steps_to_decoded):
         target = batch.later.double()
         error = kind.from_latents(weights, kind.to_latents(weights, batch.now)) - batch.later
         summed = (error.double().square(), target, target.square())

@@ -26,7 +26,7 @@ from jbench.store import Record
 from jbench.store.code import with_data_read
 from jbench.typed_values import known
 
-_WHAT = "kind of encoder"
+_NOUN = "kind of encoder"
 
 # A representation is a kind and a number, such as dae12, so a kind must not end in a digit.
 _NAME = re.compile(r"[a-z]([a-z0-9-]*[a-z])?")
@@ -54,16 +54,17 @@ def find_kind(name: str) -> type[Kind]:
     if name in ENCODER_KINDS:  # looking for those of other packages takes milliseconds
         kind = pkgutil.resolve_name(ENCODER_KINDS[name])
     elif plugins.is_imported(name):
-        kind = plugins.imported(_WHAT, name)
+        kind = plugins.imported(_NOUN, name)
     else:
         plugins.refuse_path(name)
-        name_offered = known(_WHAT, name, (*kind_names(), "MODULE:CLASS"))
-        kind = plugins.load(_WHAT, offered_kinds()[name_offered])
+        name_offered = known(_NOUN, name, (*kind_names(), "MODULE:CLASS"))
+        kind = plugins.load(_NOUN, offered_kinds()[name_offered])
 
     if isinstance(kind, type) and issubclass(kind, (Fitted, Learned)):
         return kind
 
-    if issubclass(kind if isinstance(kind, type) else type(kind), torch.nn.Module):
+    kind_class = kind if isinstance(kind, type) else type(kind)
+    if issubclass(kind_class, torch.nn.Module):
         raise RequestError(
             f"{name} is a torch module. Beside it, write a subclass of TorchEncoder of "
             "jbench.encoders.pretrained, whose methods return the module and its trained "
@@ -89,7 +90,9 @@ def make_kind(name: str, options: Mapping[str, Any]) -> Kind:
 
 def code_provenance(kind: str) -> dict[str, Any]:
     """Returns provenance of the code of a kind; none for those of jbench."""
-    return {} if kind in ENCODER_KINDS else plugins.provenance(_WHAT, kind, offered_kinds())
+    if kind in ENCODER_KINDS:
+        return {}
+    return plugins.provenance(_NOUN, kind, offered_kinds())
 
 
 def present_code(encoder: Record) -> dict[str, Any]:
@@ -100,7 +103,9 @@ def present_code(encoder: Record) -> dict[str, Any]:
 
 def description(kind: str) -> str:
     """Returns the first line of the docstring of a user's kind; "" for those of jbench."""
-    return "" if kind in ENCODER_KINDS else plugins.first_line(find_kind(kind))
+    if kind in ENCODER_KINDS:
+        return ""
+    return plugins.first_line(find_kind(kind))
 
 
 def kind_sources(kind: str) -> str | None:
@@ -172,8 +177,11 @@ def short_name(kind: str) -> str:
     name = "-".join(words).lower()
     if _NAME.fullmatch(name) and name not in (*kind_names(), OFE):
         return name
-    taken = "is that of another kind" if name in kind_names() else "must not end in a digit"
-    raise RequestError(f"{kind}: the name {name!r} {taken}; give the class another name.")
+
+    problem = "must not end in a digit"
+    if name in kind_names():
+        problem = "is that of another kind"
+    raise RequestError(f"{kind}: the name {name!r} {problem}; give the class another name.")
 
 
 def offered_kinds() -> dict[str, EntryPoint]:

@@ -3,6 +3,8 @@
 `REPRESENTATION` is the form of these names; `EncoderSettings.representation` writes them.
 """
 
+from typing import Any
+
 from jbench import plugins
 from jbench.encoders.option_names import SCALES, options_from_name
 from jbench.encoders.registry import kind_names, latent_sizes
@@ -23,28 +25,39 @@ def named_encoder(name: str, task: str) -> EncoderSettings | None:
         RequestError: if there is no such kind, or its encoders don't have this size.
     """
     match = REPRESENTATION.fullmatch(name)
-    kind = name.partition(":")[0] if match is None else match["kind"]
+    kind = name.partition(":")[0]
+    if match is not None:
+        kind = match["kind"]
+
     if kind not in kind_names():
         if ":" not in name:
             return None
         if plugins.is_imported(name):
             raise RequestError(f"{name} is a kind of encoder; type the id of an encoder of it.")
 
-    given = {} if match is None else options_from_name(match, task)
+    given: dict[str, Any] | None = {}
+    endings = ""
+    base: EncoderBase | None = None
+    if match is not None:
+        given = options_from_name(match, task)
+        endings = match["endings"]
+        if match["base"]:
+            base = "script"
+
     if given is None:
         return None
 
     sizes = latent_sizes(kind, task, given)
-    latents = sizes[0] if len(sizes) == 1 and ":" not in name else 0
+    latents = 0
     if match and match["latents"]:
         latents = int(match["latents"].lstrip("0")[:10] or 0)  # Python reads no more than 4300
+    elif len(sizes) == 1 and ":" not in name:
+        latents = sizes[0]
 
     problem = wrong_size(kind, task, latents, given)
     if problem is not None:
-        endings = match["endings"] if match else ""
         raise _no_such_size(problem, kind, sizes, endings)
 
-    base: EncoderBase | None = "script" if match and match["base"] else None
     return EncoderSettings(
         kind=kind,
         task=task,

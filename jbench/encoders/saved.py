@@ -53,7 +53,10 @@ class SavedEncoder:
         """
         self._kind = kind
         self.latent_size = latents
-        self._is_observed = None if is_observed is None or all(is_observed) else is_observed
+        self._is_observed = is_observed
+        if is_observed is not None and all(is_observed):
+            self._is_observed = None
+
         self.is_rowwise = kind.is_rowwise and kind.rescale is None
         gain, offset = scaling.gain_and_offset()
         self._weights = {**weights, _GAIN: gain, _OFFSET: offset}

@@ -59,10 +59,11 @@ class EncoderSettings(RecordSettings):
     def _has_a_size_of_its_kind(self) -> "EncoderSettings":
         """Refuses a number of latents that the kind does not have."""
         problem = wrong_size(self.kind, self.task, self.latents, self.options)
-        if problem is not None:
-            possible = latent_sizes(self.kind, self.task, self.options)
-            raise ValueError(f"{problem}, not {self.latents}" if possible else problem)
-        return self
+        if problem is None:
+            return self
+        if latent_sizes(self.kind, self.task, self.options):
+            problem += f", not {self.latents}"
+        raise ValueError(problem)
 
     @property
     def representation(self) -> str:
@@ -79,16 +80,23 @@ class EncoderSettings(RecordSettings):
     @property
     def command(self) -> str:
         """The command that trains it; omits the size of kinds with only one size."""
-        has_one_size = len(latent_sizes(self.kind, self.task, self.options)) == 1
-        size = "" if has_one_size else f" --latent {self.latents}"
-        base = "" if self.base is None else f" --settings {self.base}"
-        assigned = {} if self.features is None else {"features": ",".join(self.features)}
+        assigned = {}
+        if self.features is not None:
+            assigned["features"] = ",".join(self.features)
         assigned.update({name: as_typed(self.options[name]) for name in self.named})
         assigned.update(self._scales)
-        is_plain = self.kind == "dae" and not assigned and self.base is None
-        verb = "train-dae" if is_plain else f"train-encoder --kind {self.kind}"
-        settings = "".join(f" --set {name}={value}" for name, value in assigned.items())
-        return f"jbench {verb} --task {self.task}{size}{base}{settings}"
+
+        words = ["jbench", "train-encoder", "--kind", self.kind, "--task", self.task]
+        if self.kind == "dae" and not assigned and self.base is None:
+            words = ["jbench", "train-dae", "--task", self.task]
+        if len(latent_sizes(self.kind, self.task, self.options)) != 1:
+            words += ["--latent", f"{self.latents}"]
+        if self.base is not None:
+            words += ["--settings", self.base]
+        for name, value in assigned.items():
+            words += ["--set", f"{name}={value}"]
+
+        return " ".join(words)
 
     @property
     def features(self) -> list[str] | None:
@@ -164,8 +172,9 @@ def encoder_settings(
 
     full = made.values
     if episodes is not None:
-        length = find_task(task).episode_steps if mean_steps is None else mean_steps
-        with_epochs = options_with_epochs(kind, given, episodes, length, seed)
+        if mean_steps is None:
+            mean_steps = find_task(task).episode_steps
+        with_epochs = options_with_epochs(kind, given, episodes, mean_steps, seed)
         full = make_kind(kind, with_epochs).values
 
     features = shortest(task, made.features)

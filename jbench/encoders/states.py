@@ -215,12 +215,7 @@ class States:
 
     def _shard(self, gathered: list[AnyBlock]) -> Shard:
         """Returns episodes as tensors on the device, their states scaled."""
-        parts = [
-            block.in_a_row()
-            if isinstance(block, EndingBlock)
-            else (block.observations, block.action_vectors, block.rewards)
-            for block in gathered
-        ]
+        parts = [_arrays(block) for block in gathered]
         scaled, *others = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
         gain, offset = self.scaling.gain_and_offset()
         scaled *= gain
@@ -232,6 +227,13 @@ class States:
 
         in_a_row = Shard(states[None], actions[None], rewards[None], Followed(followed[0]))
         return in_a_row.to(self.device)
+
+
+def _arrays(block: AnyBlock) -> tuple[NDArray[Any], ...]:
+    """Returns observations, action vectors and rewards, also as `EndingBlock.in_a_row` does."""
+    if isinstance(block, EndingBlock):
+        return block.in_a_row()
+    return block.observations, block.action_vectors, block.rewards
 
 
 def _chosen(block: Any, part: range, episodes: NDArray[np.intp]) -> Any:

@@ -1,7 +1,7 @@
 """Training, evaluating and saving an encoder."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -83,8 +83,9 @@ def train_encoder(
 
         if record is None or CHECKPOINT not in record.roles():
             made_on = device_provenance(device) | code_provenance(settings.kind)
-            if about := description(settings.kind):
-                made_on["description"] = about
+            meaning = description(settings.kind)
+            if meaning:
+                made_on["description"] = meaning
             record = results.create("encoder", settings.id, settings.model_dump(), made_on)
 
         with one_thread():
@@ -134,7 +135,10 @@ def _weights(
     # The encoder without `rescale`; it is this one, unfinished, if it has no such option.
     options = {name: value for name, value in settings.options.items() if name != "rescale"}
     other = settings.model_copy(update={"options": options})
-    plain = None if record.rows("encoder_epochs") else results.find("encoder", other.id)
+    plain = None
+    if not record.rows("encoder_epochs"):
+        plain = results.find("encoder", other.id)
+
     if plain is not None and plain.is_finished:
         epochs = {"encoder_epochs": plain.read("encoder_epochs").to_pylist()}
         record.append(encoder_tables(record.id, epochs))
@@ -213,14 +217,19 @@ def _check_pairs(kind: Kind, states: States) -> None:
     """
     if states.dataset.has_one_length:
         return
+
     ahead = kind.steps_ahead
-    learned = any(shard.pairs(ahead) for shard in states.learn())
-    if not learned or not states.sample.pairs(ahead):
-        which = "held-out" if learned else "training"
-        raise RequestError(
-            f"horizon={ahead} is beyond the end of every {which} episode of {states.dataset.id}: "
-            "type a smaller one, or collect more episodes."
-        )
+    if not any(shard.pairs(ahead) for shard in states.learn()):
+        episodes = "training episode"
+    elif not states.sample.pairs(ahead):
+        episodes = "held-out episode"
+    else:
+        return
+
+    raise RequestError(
+        f"horizon={ahead} is beyond the end of every {episodes} of {states.dataset.id}: "
+        "type a smaller one, or collect more episodes."
+    )
 
 
 def _float32(weights: Mapping[str, NDArray[Any]]) -> WeightArrays:
@@ -243,14 +252,14 @@ def _finish(
 
     (totals,) = record.read("encoder_errors").to_pylist()
     epochs = record.read("encoder_epochs").to_pylist()
-    predicted = record.read("encoder_predictions").to_pylist()
+    predictions = record.read("encoder_predictions").to_pylist()
     names = ("test_mse", "test_explained", "pca_explained", "heuristic_explained")
     record.finish(
         {
             **{name: totals[name] for name in names},
-            "effective_rank": predicted[0]["effective_rank"] if predicted else None,
+            "effective_rank": _last_value(predictions, "effective_rank"),
             **kind.summary(weights),
-            "wall_time": epochs[-1]["wall_time"] if epochs else None,
+            "wall_time": _last_value(epochs, "wall_time"),
             "device": states.device.type,
         },
         {
@@ -258,3 +267,10 @@ def _finish(
             WEIGHTS: safetensors.numpy.save(weights),
         },
     )
+
+
+def _last_value(rows: Sequence[Mapping[str, Any]], column: str) -> Any:
+    """Returns the value of a column in the last row; None without rows."""
+    if not rows:
+        return None
+    return rows[-1][column]

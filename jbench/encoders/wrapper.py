@@ -24,7 +24,9 @@ def action_signs(encoder: Encoder | None, observations: Array) -> Array | None:
     image; None for an encoder without `action_signs` or None, the full observation.
     """
     method = getattr(encoder, "action_signs", None)
-    return None if method is None else method(observations)
+    if method is None:
+        return None
+    return method(observations)
 
 
 def on_observations(encoder: Encoder | None, act: Callable[[Array], Array]) -> Callable[..., Array]:
@@ -36,7 +38,9 @@ def on_observations(encoder: Encoder | None, act: Callable[[Array], Array]) -> C
         """Returns the actions of the latents, for the robot as it is."""
         actions = act(encoder.encode(observations))
         signs = action_signs(encoder, observations)
-        return actions if signs is None else actions * signs
+        if signs is None:
+            return actions
+        return actions * signs
 
     return act_on_observations
 
@@ -70,8 +74,9 @@ class EncodedObservation(
         self, action: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], Any, bool, bool, dict[str, Any]]:
         """Makes a control step with an action of a policy on the latents."""
-        # Other actions are passed on as they are.
-        return super().step(action if self._sign > 0 else np.negative(action))
+        if self._sign < 0:
+            action = np.negative(action)
+        return super().step(action)
 
     def observation(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
         """Encodes an observation, on which the next action depends."""

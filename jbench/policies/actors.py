@@ -74,10 +74,9 @@ def acting(actor: Actor, action_size: int) -> Iterator[Act]:
 
         wanted = (len(observations), action_size)
         if isinstance(answer, tuple) or np.shape(answer) != wanted:
-            given = "a tuple" if isinstance(answer, tuple) else f"the shape {np.shape(answer)}"
             raise RequestError(
-                f"The actor returned {given} for observations {observations.shape}; it must "
-                f"return actions {wanted}."
+                f"The actor returned {_shape_in_words(answer)} for observations "
+                f"{observations.shape}; it must return actions {wanted}."
             )
 
         actions = np.asarray(answer, np.float64)
@@ -86,8 +85,10 @@ def acting(actor: Actor, action_size: int) -> Iterator[Act]:
 
         return actions
 
-    modules = actor.modules() if isinstance(actor, nn.Module) else ()
-    modes = {module: module.training for module in modules}
+    modes = {}
+    if isinstance(actor, nn.Module):
+        modes = {module: module.training for module in actor.modules()}
+
     with torch.no_grad(), torch.random.fork_rng(devices=[]):
         try:
             if modes:
@@ -98,14 +99,24 @@ def acting(actor: Actor, action_size: int) -> Iterator[Act]:
                 module.training = mode
 
 
+def _shape_in_words(answer: object) -> str:
+    """Returns what an actor has returned, for a message: its shape, or that it is a tuple."""
+    if isinstance(answer, tuple):
+        return "a tuple"
+    return f"the shape {np.shape(answer)}"  # type: ignore[arg-type]
+
+
 def _function(actor: Actor) -> Callable[[NDArray[np.float32]], Any]:
     """Returns what maps observations to actions, deterministically if an actor can do both."""
     # Also a policy of stable-baselines3, a module whose actions are random when it is called.
     predict = getattr(actor, "predict", None)
     if callable(predict) and "deterministic" in (plugins.parameters(predict) or {}):
+        normalized: Callable[..., Any] = np.asarray
         statistics = normalization(actor)
-        seen: Callable[..., Any] = np.asarray if statistics is None else statistics.normalize_obs
-        return lambda observations: predict(seen(observations), deterministic=True)[0]
+        if statistics is not None:
+            normalized = statistics.normalize_obs
+
+        return lambda observations: predict(normalized(observations), deterministic=True)[0]
 
     if isinstance(actor, nn.Module):
         parameter = next(actor.parameters(), torch.empty(0))
@@ -127,7 +138,9 @@ def normalization(model: Any) -> "VecNormalize | None":
     from stable_baselines3.common.vec_env import VecNormalize
 
     wrapper = getattr(model, "get_vec_normalize_env", lambda: None)()
-    return wrapper if isinstance(wrapper, VecNormalize) and wrapper.norm_obs else None
+    if isinstance(wrapper, VecNormalize) and wrapper.norm_obs:
+        return wrapper
+    return None
 
 
 def copy_module(module: object, inputs: int, outputs: int) -> SavedNetwork:
@@ -171,7 +184,7 @@ def module_layers(module: nn.Module) -> list[SavedLayer]:
     except UnsupportedPolicyError:
         raise
     except Exception as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        reason = next(iter(str(error).splitlines()), type(error).__name__)
         raise UnsupportedPolicyError(f"its computation can't be traced ({reason})") from None
 
     if not isinstance(result, _Value):
@@ -216,7 +229,8 @@ def float32_array(value: Any) -> Float:
 
 def _linear(x: _Value, weight: Tensor, bias: Tensor | None = None) -> list[SavedLayer]:
     """The layer of `nn.functional.linear`."""
-    bias = torch.zeros(len(weight)) if bias is None else bias
+    if bias is None:
+        bias = torch.zeros(len(weight))
     return [Linear(weight=float32_array(weight), bias=float32_array(bias))]
 
 
@@ -224,9 +238,12 @@ def _layer_norm(
     x: _Value, shape: Sequence[int], weight: Any, bias: Any, eps: float
 ) -> list[SavedLayer]:
     """The layer of `nn.functional.layer_norm`."""
-    weight = float32_array(torch.ones(*shape) if weight is None else weight)
-    bias = float32_array(torch.zeros(*shape) if bias is None else bias)
-    return [LayerNorm(weight=weight, bias=bias, epsilon=eps)]
+    if weight is None:
+        weight = torch.ones(*shape)
+    if bias is None:
+        bias = torch.zeros(*shape)
+
+    return [LayerNorm(weight=float32_array(weight), bias=float32_array(bias), epsilon=eps)]
 
 
 def _clip(x: _Value, *bounds: Any, **named: Any) -> list[SavedLayer]:
@@ -240,20 +257,27 @@ def _clip(x: _Value, *bounds: Any, **named: Any) -> list[SavedLayer]:
 def _arithmetic(operator: str, x: Any, y: Any) -> list[SavedLayer]:
     """Returns the layers of an operation on a `_Value` and a number or a vector."""
     value_first = isinstance(x, _Value)
-    constant = float32_array(y if value_first else x)
+    operand = x
+    if value_first:
+        operand = y
+
+    constant = float32_array(operand)
     if constant.ndim and constant.size > constant.shape[-1]:
         raise UnsupportedPolicyError("a constant is a matrix")
 
     constant = constant.reshape(-1)
     if operator == "div" and not value_first:
         raise UnsupportedPolicyError("it divides by its inputs")
-    if operator in ("mul", "div"):
-        factor = constant if operator == "mul" else np.reciprocal(constant)
-        return [Scale(factor=factor)]
-    if operator == "sub" and not value_first:
+    if operator == "mul":
+        return [Scale(factor=constant)]
+    if operator == "div":
+        return [Scale(factor=np.reciprocal(constant))]
+    if operator == "add":
+        return [Shift(offset=constant)]
+    if not value_first:
         return [*_arithmetic("mul", x=-1, y=y), *_arithmetic("add", x, y)]
 
-    return [Shift(offset=constant if operator == "add" else -constant)]
+    return [Shift(offset=-constant)]
 
 
 _LAYERS: dict[str, Callable[..., list[SavedLayer]]] = {

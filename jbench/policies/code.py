@@ -7,7 +7,7 @@ from jbench.policies.find import is_imported_policy, offered_policies
 from jbench.policies.located import locate_run
 from jbench.policies.saved import agent_code
 from jbench.policies.sb3_zip import is_sb3_zip, zip_content
-from jbench.store import Results
+from jbench.store import Record, Results
 from jbench.store.code import changed_files, changed_since, code_hash
 from jbench.store.files import sha256
 
@@ -26,14 +26,25 @@ def changed_code(results: Results, name: str) -> str | None:
         return None
 
     now = agent_code(run.results, record)
-    encoder = record.settings.get("encoder")
-    kept = None if encoder is None else run.results.find("encoder", encoder)
     changed = changed_since(record, now)
-    if kept is not None and not changed:
-        before = {f"encoder_{key}": value for key, value in kept.manifest.provenance.items()}
-        changed = changed_files(before, now)
+    if not changed:
+        changed = changed_files(_encoder_provenance(run.results, record), now)
+    if not changed:
+        return None
 
-    return code_hash(now) if changed else None
+    return code_hash(now)
+
+
+def _encoder_provenance(results: Results, run: Record) -> dict[str, Any]:
+    """Returns the provenance of a run's encoder, under the names that the run has for it."""
+    id = run.settings.get("encoder")
+    if id is None:
+        return {}
+
+    encoder = results.find("encoder", id)
+    if encoder is None:
+        return {}
+    return {f"encoder_{key}": value for key, value in encoder.manifest.provenance.items()}
 
 
 def policy_provenance(name: str) -> dict[str, Any]:
@@ -52,4 +63,6 @@ def policy_code(name: str) -> str | None:
         return sha256(zip_content(name))[:16]
     made_with = policy_provenance(name)
     checksum = made_with.get("source_sha256")
-    return checksum[:16] if checksum else made_with.get("package")
+    if checksum:
+        return checksum[:16]
+    return made_with.get("package")

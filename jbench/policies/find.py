@@ -26,7 +26,7 @@ from jbench.settings.recorded import Run, read_run
 from jbench.store import Results
 from jbench.tasks.find import find_task
 from jbench.tasks.task import Act
-from jbench.typed_values import closest
+from jbench.typed_values import closest, suggested
 
 _OURS = (*POLICIES, REFERENCE)
 
@@ -126,13 +126,14 @@ def _imported_policy(name: str, task: str) -> ActingPolicy:
         except Exception as error:
             raise WorkError(f"The policy {name} failed ({sentence_of_failure(error)}).") from error
 
-    points = offered_policies()
-    is_module = plugins.is_imported(name)
-    made = plugins.imported("policy", name) if is_module else plugins.load("policy", points[name])
-    if isinstance(made, type):
-        made = attempt(made, task)
+    if plugins.is_imported(name):
+        policy = plugins.imported("policy", name)
+    else:
+        policy = plugins.load("policy", offered_policies()[name])
+    if isinstance(policy, type):
+        policy = attempt(policy, task)
 
-    actor = getattr(made, "act", made)
+    actor = getattr(policy, "act", policy)
 
     def act(observations: NDArray[np.float32]) -> NDArray[np.floating]:
         """Returns checked actions (robots, action_size), clipped to [-1, 1]."""
@@ -140,10 +141,11 @@ def _imported_policy(name: str, task: str) -> ActingPolicy:
             actions: NDArray[np.floating] = attempt(checked, observations)
         return actions.clip(-1, 1)
 
-    policy = ActingPolicy(act, partial(attempt, getattr(made, "reset", lambda robots: None)))
-    policy.reset(1)
-    policy.act(np.zeros((1, sizes.observation_size), np.float32))
-    return policy
+    reset = partial(attempt, getattr(policy, "reset", lambda robots: None))
+    checked_policy = ActingPolicy(act, reset)
+    checked_policy.reset(1)
+    checked_policy.act(np.zeros((1, sizes.observation_size), np.float32))
+    return checked_policy
 
 
 class FullName(NamedTuple):
@@ -164,9 +166,14 @@ def full_name(results: Results, name: str) -> FullName:
     plugins.refuse_path(name)
     if "/" in name and not is_sb3_zip(name):
         run = locate_run(results, name)
+        whole_name = run.id
+        if name.startswith(SHIPPED):
+            whole_name = f"{SHIPPED}{run.id}"
+
         record = run.results.find("run", run.id)
-        prefix = SHIPPED if name.startswith(SHIPPED) else ""
-        return FullName(f"{prefix}{run.id}", None if record is None else read_run(record.settings))
+        if record is None:
+            return FullName(whole_name, None)
+        return FullName(whole_name, read_run(record.settings))
 
     if name == _CONSTANT.rstrip(":"):
         raise RequestError("constant is a command in [-1, 1]; type constant:0.5, for example.")
@@ -174,7 +181,7 @@ def full_name(results: Results, name: str) -> FullName:
         _constant(name)
     elif not (name in (HEURISTIC, "random") or is_sb3_zip(name) or is_imported_policy(name)):
         close = closest(name, [*POLICIES, *offered_policies()])
-        hint = f"did you mean {close}? Choose" if close else "choose"
-        raise RequestError(f"Unknown policy {name!r}; {hint} {POLICY_NAMES}.")
+        advice = suggested(close, f"choose {POLICY_NAMES}")
+        raise RequestError(f"Unknown policy {name!r}; {advice}.")
 
     return FullName(name, None)

@@ -54,5 +54,7 @@ def locate_run(results: Results, name: str) -> LocatedRun:
 
     same = [shipped for shipped in names if shipped.startswith(f"{name.rpartition('/')[0]}/")]
     choices = same or sorted(get_close_matches(name, names, 3)) or names
-    instead = f"type one of {', '.join(choices)}" if names else "this version of jbench ships none"
-    raise RequestError(f"No policy is shipped as {name}; {instead}.")
+    if not names:
+        raise RequestError(f"No policy is shipped as {name}; this version of jbench ships none.")
+
+    raise RequestError(f"No policy is shipped as {name}; type one of {', '.join(choices)}.")

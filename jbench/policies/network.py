@@ -84,10 +84,13 @@ def _read_layers(described: dict[str, Any], tensors: Mapping[str, Float]) -> lis
     layers = []
     for i, layer in enumerate(described["network"]):
         layer_class = LAYERS[layer["layer"]]
-        values = {
-            field.name: layer[field.name] if field.name in layer else tensors[f"{i}.{field.name}"]
-            for field in fields(layer_class)
-        }
+        values = {}
+        for name in (field.name for field in fields(layer_class)):
+            if name in layer:
+                values[name] = layer[name]
+            else:
+                values[name] = tensors[f"{i}.{name}"]
+
         layers.append(layer_class(**values))
 
     return layers

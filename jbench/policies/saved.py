@@ -80,8 +80,12 @@ def load_agent(
         check_code(record, agent_code(results, record))
 
     specs = record.settings.get("specs")
-    check_specs(task, Specs.model_validate(specs) if specs else None, accept_changed)
-    loaded = None if encoder is None else load_encoder(results, encoder, accept_changed).encoder
+    recorded_specs = Specs.model_validate(specs) if specs else None
+    check_specs(task, recorded_specs, accept_changed)
+    loaded = None
+    if encoder is not None:
+        loaded = load_encoder(results, encoder, accept_changed).encoder
+
     check_encoder(record, results)
     return TrainedAgent(task, policy, loaded)
 
@@ -91,8 +95,7 @@ def _without_policy(results: Results, record: Record) -> RequestError:
     if record.left_out:
         return RequestError(f"The policy of {record.id} {LEFT_OUT}.")
 
-    recorded = record.settings.get("engine") == EXTERNAL
-    keep = " Its loop must call recording.keep_policy(actor)." if recorded else ""
-    return RequestError(
-        f"The run {record.id} in {results.name} was saved without its policy.{keep}"
-    )
+    message = f"The run {record.id} in {results.name} was saved without its policy."
+    if record.settings.get("engine") == EXTERNAL:
+        message += " Its loop must call recording.keep_policy(actor)."
+    return RequestError(message)

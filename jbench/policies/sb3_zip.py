@@ -89,11 +89,15 @@ def read_sb3_zip(path: str, task: str) -> SavedNetwork:
     if sizes == (wanted.observation_size, wanted.action_size):
         return network
 
+    advice = "name its task with --task"
     fitting = [name for name in TASKS if (find_task(name).observation_size, 1) == sizes]
+    if fitting:
+        advice = f"use --task {' or '.join(fitting)}"
+
     raise RequestError(
         f"{path} has {counted(inputs, 'input')} and {counted(outputs, 'output')}, but {task} has "
         f"observations of {wanted.observation_size} numbers and actions of {wanted.action_size}; "
-        + (f"use --task {' or '.join(fitting)}." if fitting else "name its task with --task.")
+        f"{advice}."
     )
 
 

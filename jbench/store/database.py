@@ -67,12 +67,14 @@ class Results:
         """Returns whether there is a record of that id, be it damaged."""
         return (self.folder(kind, id).path / MANIFEST).exists()
 
-    def find_readable(self, kind: RecordKind, id: str) -> Record | None:
-        """Returns the record of that id; None also if it is damaged.
+    def find_readable(self, kind: RecordKind, id: str | None) -> Record | None:
+        """Returns the record of that id; None also if it is damaged, and of the id None.
 
         For questions beside the work, such as whether code has changed: the work that needs the
         record meets the damage itself, and says so.
         """
+        if id is None:
+            return None
         try:
             return self.find(kind, id)
         except WorkError:

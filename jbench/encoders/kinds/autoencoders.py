@@ -119,7 +119,9 @@ class DenoisingAutoencoderWithYawRate(DenoisingAutoencoder):
 
     def latent_sizes(self, task: str, features: int) -> range:
         """One more than the layers have, since the yaw rate is a latent."""
-        return range(2, features + 2) if find_task(task).has_planar_reduction else range(0)
+        if not find_task(task).has_planar_reduction:
+            return range(0)
+        return range(2, features + 2)
 
     def initial(self, size: int, latents: int, random: torch.Generator) -> dict[str, Tensor]:
         """The weights of an encoder without the yaw rate."""

@@ -152,8 +152,9 @@ class Raw(Fitted):
     def latent_sizes(self, task: str, features: int) -> range:
         """As many as there are features, if their units are known."""
         # The units of other robots' observations are not known.
-        has_units = find_task(task).units is not None
-        return range(features, features + 1) if has_units else range(0)
+        if find_task(task).units is None:
+            return range(0)
+        return range(features, features + 1)
 
     def fit(self, states: States, latents: int) -> dict[str, FloatArray]:
         """The scaling to SI units and its inverse."""

@@ -71,13 +71,17 @@ class PlanarReduction(Fitted):
 
     def latent_sizes(self, task: str, features: int) -> range:
         """The number of columns that the task has, and no other."""
-        size = len(self.columns(task)) if find_task(task).has_planar_reduction else 0
-        return range(size, size + 1) if size else range(0)
+        if not find_task(task).has_planar_reduction:
+            return range(0)
+
+        size = len(self.columns(task))
+        return range(size, size + 1)
 
     def numbers(self, task: str, physical: Array) -> dict[str, Array]:
         """Returns the latents before scaling, for features (..., dim(O)) in SI units."""
         by_name = split(task, physical)
-        position, velocity = by_name["position"], by_name["velocity"]
+        position = by_name["position"]
+        velocity = by_name["velocity"]
         length, a, b, cosine, sine = geometry.swing_and_twist(position[..., 3:])
         along, across = geometry.rotated_in_plane(cosine, -sine, velocity[..., 0], velocity[..., 1])
         numbers = {
@@ -120,14 +124,19 @@ class PlanarReduction(Fitted):
             numbers[name] = latents[..., i]
 
         way = [numbers["target_x"], numbers["target_y"]]
-        home = [zero, zero] if "x" in TASK_SPECS[task].drawn else [-part for part in way]
+        home = [-part for part in way]
+        if "x" in TASK_SPECS[task].drawn:
+            home = [zero, zero]
+
         place = [numbers.get(axis, part) for axis, part in zip("xy", home, strict=True)]
 
         cosine = numbers.get("cosine", zero + 1)
         sine = numbers["sine"]
         length = xp.sqrt(xp.clip(cosine * cosine + sine * sine, 1e-12, None))
-        cosine, sine = cosine / length, sine / length
-        a, b = numbers["tilt_a"], numbers["tilt_b"]
+        cosine = cosine / length
+        sine = sine / length
+        a = numbers["tilt_a"]
+        b = numbers["tilt_b"]
         c = xp.sqrt(xp.clip(1 - a * a - b * b, 0.0, 1.0))
         tilt = xp.stack([zero, zero, zero, c, a, b, zero], axis=-1)
 
@@ -222,9 +231,12 @@ class PlanarMirror(PlanarReduction):
         """The numbers of the mirror image if the target is on the right."""
         where = namespace(physical).where
         numbers = super().numbers(task, physical)
-        is_right = (numbers["angle"] if "angle" in numbers else numbers["target_x"]) < 0
+        side = numbers.get("angle")
+        if side is None:
+            side = numbers["target_x"]
+
         return {
-            name: where(is_right, SIGNS[name] * value, value) for name, value in numbers.items()
+            name: where(side < 0, SIGNS[name] * value, value) for name, value in numbers.items()
         }
 
     def action_signs(self, weights: Weights, scaled: Array) -> Array:

@@ -9,7 +9,7 @@ name keep theirs.
 
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass, field
 from string import ascii_lowercase
 from typing import Any
@@ -45,8 +45,33 @@ _PATH = re.compile(r"/|~|\\\\|[A-Za-z]:[\\/]|file:")
 _ID_COLUMNS = ("run", "encoder", "dataset", "evaluation_id")
 
 
+class Verbatim:
+    """Leaves records as they are, in an archive with names."""
+
+    words: Set[str] = frozenset()
+
+    def learn(self, records: Iterable[Record]) -> None:
+        """Finds nothing in the settings of records."""
+
+    def settings(self, settings: Mapping[str, Any]) -> dict[str, Any]:
+        """Returns the same settings."""
+        return dict(settings)
+
+    def id(self, record: Record) -> str:
+        """Returns the id of a record."""
+        return record.id
+
+    def manifest(self, record: Record, files: tuple[FileEntry, ...]) -> Manifest:
+        """Returns the manifest of a record with these files."""
+        return record.manifest.model_copy(update={"files": files})
+
+    def content(self, record: Record, entry: FileEntry, content: bytes) -> bytes:
+        """Returns the content of a file of a record."""
+        return content
+
+
 @dataclass
-class Blinder:
+class Blinder(Verbatim):
     """Replaces names, the same name always by the same number.
 
     `words` are all words that must not be in the archive: those of this machine, and those that
@@ -137,24 +162,28 @@ class Blinder:
                 at = rows.schema.get_field_index(name)
                 changed = changed.set_column(at, rows.schema.field(name), column)
 
-        return content if changed.equals(rows) else record_files.to_bytes(changed)
+        if changed.equals(rows):
+            return content
+        return record_files.to_bytes(changed)
 
-    def _number(self, what: str, name: object) -> None:
-        """Gives a name a number of its kind, or letters, so that the archive does not have it."""
+    def _number(self, noun: str, name: object) -> None:
+        """Gives the name of such a thing a number, or letters, so that the archive lacks it."""
         if not isinstance(name, str):
             return
 
-        known = self._numbers.setdefault(what, {})
+        known = self._numbers.setdefault(noun, {})
         if name in known:
             return
 
-        number = len({*known.values()}) + 1
-        # A kind of encoder has no digits at its end.
-        known[name] = f"{what}-{_in_letters(number) if what == 'kind' else number}"
+        number = f"{len({*known.values()}) + 1}"
+        if noun == "kind":  # which has no digits at its end
+            number = _in_letters(int(number))
+
+        known[name] = f"{noun}-{number}"
         self.words.update((name, in_id(name)))
         parts = re.split(r"[:./]", name.partition(",")[0])
         self.words.update(part for part in parts if may_name_something(part))
-        if what == "kind":
+        if noun == "kind":
             short = short_name(name)
             self.words.add(short)
             known.setdefault(short, known[name])
@@ -165,7 +194,9 @@ class Blinder:
             return {name: self._value(item) for name, item in value.items()}
         if isinstance(value, list | tuple):
             return [self._value(item) for item in value]
-        return self._text(value) if isinstance(value, str) else value
+        if isinstance(value, str):
+            return self._text(value)
+        return value
 
     def _text(self, text: str) -> str:
         """Returns a text without names: with numbers, or left out if it still says something."""
@@ -175,23 +206,24 @@ class Blinder:
         for old, new in self._ids.items():
             text = text.replace(old.replace("/", "."), new.replace("/", "."))
 
-        for what, names in self._numbers.items():
+        for noun, names in self._numbers.items():
             for name, number in names.items():
                 if text in (name, in_id(name)):
                     return number
-                if what == "kind" and re.fullmatch(rf"{re.escape(name)}\d+.*", text):
+                if noun == "kind" and re.fullmatch(rf"{re.escape(name)}\d+.*", text):
                     return number + text.removeprefix(name)
 
         text = self._numbered_in_ids(text)
-        return LEFT_OUT if self._has_a_word(text) else text
+        if self._has_a_word(text):
+            return LEFT_OUT
+        return text
 
     def _numbered_in_ids(self, text: str) -> str:
         """Returns a text in which names that an id begins with, or a part of one, are numbers."""
-        numbers = {
-            in_id(name): number
-            for names in self._numbers.values()
-            for name, number in names.items()
-        }
+        numbers = dict[str, str]()
+        for names in self._numbers.values():
+            numbers |= {in_id(name): number for name, number in names.items()}
+
         for name in sorted(numbers, key=len, reverse=True):
             text = re.sub(rf"(?<![\w.-]){re.escape(name)}/", f"{numbers[name]}/", text)
         return text
@@ -221,8 +253,8 @@ def _without_texts(summary: Mapping[str, Any]) -> dict[str, Any]:
     for name, value in summary.items():
         if isinstance(value, Mapping):
             kept[name] = {key: item for key, item in value.items() if _is_plain(key, item)}
-        elif isinstance(value, str):
-            kept[name] = value if name == "device" else LEFT_OUT
+        elif isinstance(value, str) and name != "device":
+            kept[name] = LEFT_OUT
         else:
             kept[name] = value
 

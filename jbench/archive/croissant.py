@@ -52,10 +52,16 @@ def write_croissant(results: Results, out: Path, dataset: Record | None = None) 
         WorkError: if a record is damaged.
     """
     files.make_directory(out)
-    tables = _tables_of(results) if dataset is None else _tables_of_dataset(dataset)
+    if dataset is None:
+        name = results.name.name
+        tables = _tables_of(results)
+    else:
+        name = dataset.id.replace("/", "-")
+        tables = _tables_of_dataset(dataset)
+
     written = []
-    for name, rows in tables.items():
-        path = out / f"{name}.parquet"
+    for table, rows in tables.items():
+        path = out / f"{table}.parquet"
         sink = pa.BufferOutputStream()
         pq.write_table(rows, sink, compression="zstd")
         files.write_atomic(path, sink.getvalue().to_pybytes())
@@ -64,7 +70,6 @@ def write_croissant(results: Results, out: Path, dataset: Record | None = None) 
     if not written:
         raise RequestError(f"{results.name} has no rows; train or collect first.")
 
-    name = results.name.name if dataset is None else dataset.id.replace("/", "-")
     metadata = _metadata(name, tables, {path.stem: path for path in written})
     files.write_atomic(out / METADATA, metadata)
     return [*written, out / METADATA]
@@ -140,8 +145,10 @@ def _record_set(table: str, rows: pa.Table, croissant: Any) -> Any:
             )
         )
 
-    about = "a table of a dataset" if table not in schema.TABLES else "a table of jbench query"
-    return croissant.RecordSet(id=table, name=table, description=about, fields=fields)
+    description = "a table of a dataset"
+    if table in schema.TABLES:
+        description = "a table of jbench query"
+    return croissant.RecordSet(id=table, name=table, description=description, fields=fields)
 
 
 def _data_type(kind: pa.DataType, croissant: Any) -> Any:

@@ -27,13 +27,14 @@ def _words_of_jbench() -> frozenset[str]:
     An archive has them whoever made it.
     """
     package = Path(__file__).parents[1]
-    texts = [
-        path.read_text(encoding="utf-8")
-        for suffix in ("py", "j2", "js")
-        for path in package.rglob(f"*.{suffix}")
-        if not path.is_relative_to(package / "paper")
-    ]
-    return frozenset(word.lower() for text in texts for word in re.findall("[A-Za-z0-9]+", text))
+    words = set[str]()
+    for path in package.rglob("*"):
+        is_text = path.suffix in (".py", ".j2", ".js") and path.is_file()
+        if is_text and not path.is_relative_to(package / "paper"):
+            text = path.read_text(encoding="utf-8")
+            words.update(map(str.lower, re.findall("[A-Za-z0-9]+", text)))
+
+    return frozenset(words)
 
 
 def found_in(words: Iterable[str], text: str) -> Iterator[str]:

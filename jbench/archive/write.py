@@ -4,13 +4,13 @@ import io
 import re
 import tempfile
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Set
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pyarrow.parquet as pq
 
-from jbench.archive.blind import Blinder
+from jbench.archive.blind import Blinder, Verbatim
 from jbench.archive.lock import lock
 from jbench.archive.words import found_in, words_of_this_machine
 from jbench.errors import RequestError, WorkError
@@ -67,31 +67,35 @@ def write_archive(results: Results, out: Path, blind: bool = False) -> Archived:
     if not any(record.kind in ("run", "import") for record in records):
         raise RequestError(f"{results.name} has no finished run; train or import some first.")
 
-    blinder = Blinder(words_of_this_machine(results.path, out)) if blind else None
-    if blinder is not None:
-        blinder.learn([*records, *left_out])
+    form = Verbatim()
+    if blind:
+        form = Blinder(words_of_this_machine(results.path, out))
 
+    form.learn([*records, *left_out])
     with tempfile.TemporaryDirectory(prefix="jbench-archive-") as folder:
         root = Path(folder)
         target = Results(root / "results", Path("results"))
         for record in records:
-            _copy(record, target, blinder)
-        if faults := verify(target, 1).faults:
+            _copy(record, target, form)
+
+        faults = verify(target, 1).faults
+        if faults:
             raise WorkError(f"The archive would be damaged: {faults[0]}")
+
         write_report(target, root / "report", Request(claims=_has_claims(records)))
-        datasets = settings_of_datasets(results, blinder)
-        _write_texts(root, target, _lines(left_out, blinder), datasets)
+        datasets = settings_of_datasets(results, form)
+        _write_texts(root, target, _lines(left_out, form), datasets)
         content = _zipped(root)
 
-    if blinder is not None and (leak := next(leaks(content, blinder.words), None)) is not None:
+    for entry, word in leaks(content, form.words):
         raise WorkError(
-            f"The archive would have the word {leak[1]!r}, which names something of yours (a "
-            f"module, a path, a host, a user), in {leak[0]}; nothing is written. Rename what has "
+            f"The archive would have the word {word!r}, which names something of yours (a "
+            f"module, a path, a host, a user), in {entry}; nothing is written. Rename what has "
             "it, or leave the record out."
         )
 
     files.write_atomic(out, content)
-    return Archived(out, len(records), len(content), _lines(left_out))
+    return Archived(out, len(records), len(content), _lines(left_out, Verbatim()))
 
 
 def _chosen(results: Results) -> tuple[list[Record], list[Record]]:
@@ -111,13 +115,9 @@ def _chosen(results: Results) -> tuple[list[Record], list[Record]]:
     return chosen, left_out
 
 
-def _lines(left_out: list[Record], blinder: Blinder | None = None) -> list[str]:
-    """Returns a line for each record that is left out, without names if there is a blinder."""
-    lines = []
-    for record in left_out:
-        id = record.id if blinder is None else blinder.id(record)
-        lines.append(f"{record.kind} {id}: unfinished")
-    return lines
+def _lines(left_out: list[Record], form: Verbatim) -> list[str]:
+    """Returns a line for each record that is left out."""
+    return [f"{record.kind} {form.id(record)}: unfinished" for record in left_out]
 
 
 def _has_claims(records: list[Record]) -> bool:
@@ -125,41 +125,32 @@ def _has_claims(records: list[Record]) -> bool:
     return any(record.kind == "run" for record in records)
 
 
-def _copy(record: Record, target: Results, blinder: Blinder | None) -> None:
+def _copy(record: Record, target: Results, form: Verbatim) -> None:
     """Copies a record without its checkpoints."""
-    id = record.id if blinder is None else blinder.id(record)
-    copied = target.folder(record.kind, id)
+    copied = target.folder(record.kind, form.id(record))
     files.make_directory(copied.path)
     entries = []
     for entry in record.manifest.files:
         if entry.role is not None:
             continue
-        content = record.read_file(entry.name)
-        if blinder is not None:
-            content = blinder.content(record, entry, content)
+
+        content = form.content(record, entry, record.read_file(entry.name))
         digest = files.sha256(content)
         name = entry.name.replace(entry.sha256[:8], digest[:8])
         files.write_atomic(copied.path / name, content)
         changes = {"name": name, "bytes": len(content), "sha256": digest}
         entries.append(entry.model_copy(update=changes))
 
-    if blinder is None:
-        copied.begin(record.manifest.model_copy(update={"files": tuple(entries)}))
-    else:
-        copied.begin(blinder.manifest(record, tuple(entries)))
+    copied.begin(form.manifest(record, tuple(entries)))
 
 
-def settings_of_datasets(results: Results, blinder: Blinder | None) -> dict[str, Any]:
+def settings_of_datasets(results: Results, form: Verbatim) -> dict[str, Any]:
     """Returns the settings of datasets by id, as encoders in the archive call it.
 
     An archive has no datasets, but its matrix makes them again.
     """
-    settings = {record.id: record.settings for record in results.scan("dataset")[0]}
-    if blinder is None:
-        return settings
-    return {
-        blinder.settings({"dataset": id})["dataset"]: recorded for id, recorded in settings.items()
-    }
+    datasets, _ = results.scan("dataset")
+    return {form.settings({"dataset": each.id})["dataset"]: each.settings for each in datasets}
 
 
 def _write_texts(
@@ -194,16 +185,19 @@ def _zipped(root: Path) -> bytes:
                 entry = zipfile.ZipInfo(path.relative_to(root).as_posix(), _EPOCH)
                 entry.external_attr = 0o644 << 16
                 entry.create_system = 3
-                # Parquet is compressed already.
-                stored = path.suffix == ".parquet"
-                entry.compress_type = zipfile.ZIP_STORED if stored else zipfile.ZIP_DEFLATED
+                entry.compress_type = zipfile.ZIP_DEFLATED
+                if path.suffix == ".parquet":  # compressed already
+                    entry.compress_type = zipfile.ZIP_STORED
                 archive.writestr(entry, path.read_bytes())
 
     return sink.getvalue()
 
 
-def leaks(archive: bytes, words: set[str]) -> Iterator[tuple[str, str]]:
+def leaks(archive: bytes, words: Set[str]) -> Iterator[tuple[str, str]]:
     """Yields entries and the words that they have, in their names, texts, columns and metadata."""
+    if not words:
+        return
+
     with zipfile.ZipFile(io.BytesIO(archive)) as content:
         for entry in content.infolist():
             text = "\n".join((entry.filename, *_texts(entry.filename, content.read(entry))))
@@ -214,7 +208,10 @@ def leaks(archive: bytes, words: set[str]) -> Iterator[tuple[str, str]]:
 def _texts(name: str, content: bytes) -> Iterator[str]:
     """Yields all texts of a file, decompressed; those of a page or drawing without its markup."""
     for text in (content.decode("latin-1"), content.decode(errors="replace")):
-        yield _ELEMENT.sub("<", text) if name.endswith((".svg", ".html")) else text
+        if name.endswith((".svg", ".html")):
+            text = _ELEMENT.sub("<", text)
+        yield text
+
     if name.endswith(".parquet"):
         rows = pq.ParquetFile(io.BytesIO(content))
         yield str(rows.schema_arrow.metadata)

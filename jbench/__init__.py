@@ -64,13 +64,14 @@ def _exports() -> dict[str, tuple[str, str]]:
     """Returns the module and the name of each public name, as the imports above say."""
     import ast
 
-    return {
-        alias.asname: (node.module or "", alias.name)
-        for node in ast.walk(ast.parse(Path(__file__).read_text()))
-        if isinstance(node, ast.ImportFrom)
-        for alias in node.names
-        if alias.asname
-    }
+    exports = {}
+    for node in ast.walk(ast.parse(Path(__file__).read_text())):
+        if isinstance(node, ast.ImportFrom):
+            for alias in node.names:
+                if alias.asname:
+                    exports[alias.asname] = (node.module or "", alias.name)
+
+    return exports
 
 
 def _register_environments() -> None:

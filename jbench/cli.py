@@ -98,8 +98,12 @@ def _version(wanted: bool) -> None:
     if wanted:
         from jbench.revision import git_revision
 
+        text = f"jbench {__version__}"
         revision = git_revision()
-        print(f"jbench {__version__}" + (f" ({revision})" if revision else ""))
+        if revision:
+            text += f" ({revision})"
+
+        print(text)
         raise typer.Exit
 
 
@@ -142,7 +146,9 @@ def _run(arguments: Sequence[str]) -> int:
         if answer == _INTERRUPTED:  # as typer answers Ctrl-C
             raise KeyboardInterrupt
         sys.stdout.flush()
-        return answer if isinstance(answer, int) else 0
+        if isinstance(answer, int):
+            return answer
+        return 0
 
     except typer.TyperException as error:
         return _failed(refusal(error, arguments, _VERBS), 2)
@@ -161,8 +167,10 @@ def _run(arguments: Sequence[str]) -> int:
         return 0
 
     except OSError as error:
-        where = f" ({error.filename})" if error.filename else ""
-        return _failed(f"the system reports: {error.strerror or error}{where}.", 1)
+        problem = f"the system reports: {error.strerror or error}"
+        if error.filename:
+            problem += f" ({error.filename})"
+        return _failed(f"{problem}.", 1)
 
     finally:
         output.is_json = False

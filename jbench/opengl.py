@@ -51,7 +51,10 @@ def choose_backend() -> str:
             "conda install -c conda-forge 'mesalib<25.1'."
         )
     else:
-        tried = ["glfw" if requested in _GLFW_ALIASES else requested]
+        tried = [requested]
+        if requested in _GLFW_ALIASES:
+            tried = ["glfw"]
+
         failure = f"MUJOCO_GL={requested} can't draw here; unset it to use a working backend."
         if tried[0] not in BACKENDS:
             raise RequestError(

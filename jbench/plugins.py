@@ -49,14 +49,21 @@ def load(what: str, point: EntryPoint) -> Any:
 
 def distribution(point: EntryPoint) -> str | None:
     """Returns the name of the distribution that offers an entry point."""
-    return None if point.dist is None else point.dist.name
+    if point.dist is None:
+        return None
+    return point.dist.name
 
 
 def first_line(documented: object) -> str:
     """Returns the first line of the docstring of a class, function or object; "" without one."""
     text = getattr(documented, "__doc__", None)
-    lines = text.strip().splitlines() if isinstance(text, str) else []
-    return lines[0].strip() if lines else ""
+    if not isinstance(text, str):
+        return ""
+
+    lines = text.strip().splitlines()
+    if not lines:
+        return ""
+    return lines[0].strip()
 
 
 def parameters(function: Callable[..., Any]) -> Mapping[str, inspect.Parameter] | None:
@@ -93,8 +100,10 @@ def imported(what: str, name: str) -> Any:
     module = _attempt(lambda: importlib.import_module(module_name), subject)
     if not hasattr(module, attribute):
         close = closest(attribute, [public for public in vars(module) if public[0] != "_"])
-        hint = f"did you mean {module_name}:{close}?" if close else "use a name that is in it."
-        raise RequestError(f"The module {module_name} has no {attribute}; {hint}")
+        advice = "use a name that is in it."
+        if close is not None:
+            advice = f"did you mean {module_name}:{close}?"
+        raise RequestError(f"The module {module_name} has no {attribute}; {advice}")
 
     return getattr(module, attribute)
 
@@ -128,7 +137,9 @@ def module_in_file(path: str) -> tuple[str, str]:
     The words are empty for a file below the working directory.
     """
     file = Path(path.replace("\\", "/")).with_suffix("")
-    package = file.parent if file.name == "__init__" else file
+    package = file
+    if file.name == "__init__":
+        package = file.parent
     if all(part.isidentifier() for part in package.parts):
         return ".".join(package.parts), ""
 
@@ -147,13 +158,16 @@ def is_module(name: str) -> bool:
 
 def find_working_directory() -> None:
     """Lets Python import modules of the working directory, as where `python -m` began."""
-    if (here := os.getcwd()) not in sys.path and "" not in sys.path:
-        sys.path.insert(0, here)
+    directory = os.getcwd()
+    if directory not in sys.path and "" not in sys.path:
+        sys.path.insert(0, directory)
 
 
 def made_with(package: str | None) -> dict[str, str | None]:
     """Returns provenance of an installed distribution: its version; none for None."""
-    return {} if package is None else {"package": f"{package} {version(package)}"}
+    if package is None:
+        return {}
+    return {"package": f"{package} {version(package)}"}
 
 
 def provenance(what: str, name: str, points: Mapping[str, EntryPoint]) -> dict[str, Any]:
@@ -166,14 +180,16 @@ def provenance(what: str, name: str, points: Mapping[str, EntryPoint]) -> dict[s
     if is_imported(name):
         imported(what, name)
         module = name.partition(":")[0]
-        made = where_from(module)
+        origin: dict[str, Any] = {**where_from(module)}
     else:
         load(what, points[name])
         module = points[name].module
-        made = made_with(distribution(points[name]))
+        origin = {**made_with(distribution(points[name]))}
 
     files = sources.source_files(module)
-    return {**made, "sources": files} if files else made
+    if files:
+        origin["sources"] = files
+    return origin
 
 
 def files_at_hand(name: str, points: Mapping[str, EntryPoint]) -> dict[str, Any]:
@@ -198,10 +214,14 @@ def files_at_hand(name: str, points: Mapping[str, EntryPoint]) -> dict[str, Any]
 
 def where_from(module: str) -> dict[str, str | None]:
     """Returns provenance of an imported module: its distribution, or a checksum of its bytes."""
-    if packages := installed.packages().get(module.partition(".")[0]):
+    packages = installed.packages().get(module.partition(".")[0])
+    if packages:
         return made_with(packages[0])
+
     file = getattr(sys.modules[module], "__file__", None)
-    return {} if file is None else {"source_sha256": sha256(Path(file).read_bytes()).hexdigest()}
+    if file is None:
+        return {}
+    return {"source_sha256": sha256(Path(file).read_bytes()).hexdigest()}
 
 
 def _attempt(load_it: Callable[[], Any], subject: str, otherwise: str = "") -> Any:

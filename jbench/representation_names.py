@@ -85,7 +85,9 @@ def features_in(representation: str) -> str:
     Those of dae8-without-velocity and of raw10-without-velocity are without-velocity.
     """
     match = REPRESENTATION.fullmatch(representation)
-    return "" if match is None else match["features"] or ""
+    if match is None:
+        return ""
+    return match["features"] or ""
 
 
 # Kinds whose number of latents follows from the task, so that names leave it out.
@@ -95,7 +97,9 @@ _SIZE_OF_TASK = ("scaled", "planar", "planar-no-yaw", "planar-mirror", "heading"
 def kind_in(representation: str) -> str:
     """Returns the kind of a representation, such as `scaled` for scaled16."""
     match = REPRESENTATION.fullmatch(representation)
-    return representation.rstrip("0123456789") if match is None else match["kind"]
+    if match is None:
+        return representation.rstrip("0123456789")
+    return match["kind"]
 
 
 def shown_representation(representation: str) -> str:

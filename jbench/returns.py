@@ -40,7 +40,9 @@ def final_return(points: _Floats, kind: ReturnsName = TRAINING) -> float | None:
 def mean_over_run(points: _Floats) -> float | None:
     """Returns the mean of the points of a run (points,); None if none of them is finite."""
     finite = points[np.isfinite(points)]
-    return float(finite.mean()) if len(finite) else None
+    if not len(finite):
+        return None
+    return float(finite.mean())
 
 
 def diverged_return(training: _Floats, task: str) -> float | None:

@@ -15,7 +15,9 @@ def git_revision() -> str | None:
     root = package.parent
     if not (root / ".git").exists():
         built = package / BUILT
-        return built.read_text("ascii").strip() if built.is_file() else None
+        if not built.is_file():
+            return None
+        return built.read_text("ascii").strip()
 
     describe = ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=12"]
     try:

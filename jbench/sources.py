@@ -171,8 +171,13 @@ class _Code:
                 for alias in node.names:
                     yield from self._found(self._root, alias.name.split("."), path)
             elif isinstance(node, ast.ImportFrom):
-                parts = node.module.split(".") if node.module else []
-                start = path.parents[node.level - 1] if node.level else self._root
+                parts = []
+                if node.module:
+                    parts = node.module.split(".")
+
+                start = self._root
+                if node.level:
+                    start = path.parents[node.level - 1]
                 if not start.is_relative_to(self._root):
                     continue
                 yield from self._found(start, parts, path)
@@ -207,7 +212,8 @@ class _Code:
         for directory in path.parents:
             if directory == self._root or not directory.is_relative_to(self._root):
                 return
-            if (package := directory / "__init__.py").is_file():
+            package = directory / "__init__.py"
+            if package.is_file():
                 yield package
 
     def _add_data(self, path: Path, tree: ast.AST) -> None:
@@ -217,8 +223,10 @@ class _Code:
                 file = directory / text
                 if not file.is_file():
                     continue
-                inside = file.resolve().is_relative_to(self._root.resolve())
-                name = os.path.relpath(file.resolve(), self._root.resolve()) if inside else text
+
+                name = text
+                if file.resolve().is_relative_to(self._root.resolve()):
+                    name = os.path.relpath(file.resolve(), self._root.resolve())
                 self.checksums.setdefault(Path(name).as_posix(), file_checksum(file))
                 break
 

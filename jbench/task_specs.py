@@ -92,14 +92,19 @@ def solved_return(task: str) -> float | None:
 
 def return_range(task: str) -> tuple[float, float] | None:
     """Returns the least and the largest possible return of an episode; None if unknown."""
-    is_known = task in TASK_SPECS or task.startswith(SUITE)
-    return (0.0, 1000.0) if is_known else None
+    if task in TASK_SPECS or task.startswith(SUITE):
+        return 0.0, 1000.0
+    return None
 
 
 def highest_return(task: str) -> float:
     """Returns the largest possible return of an episode; infinity if it is unknown."""
     known = return_range(task)
-    return math.inf if known is None else known[1]
+    if known is None:
+        return math.inf
+
+    _, highest = known
+    return highest
 
 
 def default_base(task: str) -> Literal["published", "suite"]:

@@ -41,7 +41,9 @@ _clock: _Clock | None = None
 
 def part(name: str) -> AbstractContextManager[None]:
     """Returns a block whose time is that of a part; it costs nothing if none is measured."""
-    return _UNTIMED if _clock is None else _clock.part(name)
+    if _clock is None:
+        return _UNTIMED
+    return _clock.part(name)
 
 
 @contextmanager

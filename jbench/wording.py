@@ -10,7 +10,9 @@ from jbench.names import RESULTS
 
 def progress_text(done: float, planned: float | None) -> str:
     """Formats progress: `60,000 of 100,000`, or `100,000` if all is done or no end is planned."""
-    return f"{done:,}" if planned in (None, done) else f"{done:,} of {planned:,}"
+    if planned in (None, done):
+        return f"{done:,}"
+    return f"{done:,} of {planned:,}"
 
 
 def padded(number: str, width: int) -> str:
@@ -31,7 +33,9 @@ def not_formula(value: Any) -> Any:
 
 def counted(count: int, noun: str, plural: str = "") -> str:
     """Formats a number of things: `1 seed`, `1,200 seeds`; the plural ends in s by default."""
-    return f"{count:,} {noun if count == 1 else plural or f'{noun}s'}"
+    if count == 1:
+        return f"{count:,} {noun}"
+    return f"{count:,} {plural or f'{noun}s'}"
 
 
 def are(count: int) -> str:
@@ -64,7 +68,7 @@ def printable(text: str, instead: str = "\ufffd", keeping: str = "") -> str:
 
 def duration(seconds: float) -> str:
     """Returns a duration in its two largest units, such as `3 d 4 h` or `12 min 5 s`."""
-    units = (86400, "d", 3600, "h"), (3600, "h", 60, "min"), (60, "min", 1, "s")
+    units = ((86400, "d", 3600, "h"), (3600, "h", 60, "min"), (60, "min", 1, "s"))
     for size, unit, part, smaller in units:
         if seconds >= size:
             return f"{seconds // size:.0f} {unit} {seconds % size // part:.0f} {smaller}"
@@ -87,4 +91,6 @@ def repair_hint(results: Path) -> str:
 def in_prose(names: Iterable[str], word: str = "or") -> str:
     """Returns names as a list in prose: `a, b or c`."""
     *others, last = names
-    return f"{', '.join(others)} {word} {last}" if others else last
+    if not others:
+        return last
+    return f"{', '.join(others)} {word} {last}"

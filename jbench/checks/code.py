@@ -6,6 +6,7 @@ Each is run through what jbench will demand of it, with short episodes.
 import inspect
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any, Literal, get_args
 
 from jbench import plugins
@@ -22,7 +23,7 @@ from jbench.policies.find import offered_policies
 from jbench.settings.algorithms import SETTINGS
 from jbench.task_specs import GYM, SUITE, SUITE_TASKS
 from jbench.tasks.find import installed_tasks
-from jbench.typed_values import closest
+from jbench.typed_values import closest, question
 
 CodeKind = Literal["task", "agent", "rule", "encoder", "policy"]
 KINDS: tuple[CodeKind, ...] = get_args(CodeKind)
@@ -138,11 +139,9 @@ def _installed(name: str) -> CodeKind:
         raise RequestError(f"{name} is jbench's own; type MODULE:CLASS of an algorithm of yours.")
 
     plugins.refuse_path(name)
-    offered = [each for names in by_kind.values() for each in names]
-    close = closest(name, [*SUITE_TASKS, *offered])
-    meant = "" if close is None else f"did you mean {close}? "
+    close = closest(name, [*SUITE_TASKS, *chain.from_iterable(by_kind.values())])
     raise RequestError(
-        f"There is no code called {name!r}: {meant}Type MODULE:NAME of a task, an agent, an update "
-        "rule, an encoder or a policy of yours, the name of an installed one, or a task such as "
-        "dmc:cheetah-run or gym:Hopper-v5."
+        f"There is no code called {name!r}: {question(close)}Type MODULE:NAME of a task, an agent, "
+        "an update rule, an encoder or a policy of yours, the name of an installed one, or a task "
+        "such as dmc:cheetah-run or gym:Hopper-v5."
     )

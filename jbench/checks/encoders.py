@@ -44,10 +44,16 @@ def checks(
 
 def _class(name: str, task: str, options: Mapping[str, Any]) -> str:
     """Makes the kind with its options and says how many latents it can have."""
-    base = "Learned" if issubclass(find_kind(name), Learned) else "Fitted"
+    base = "Fitted"
+    if issubclass(find_kind(name), Learned):
+        base = "Learned"
+
     make_kind(name, options)
     sizes = latent_sizes(name, task, options)
-    latents = f"{sizes[0]}" if len(sizes) == 1 else f"{sizes[0]} to {sizes[-1]}"
+    latents = f"{sizes[0]}"
+    if len(sizes) != 1:
+        latents = f"{sizes[0]} to {sizes[-1]}"
+
     return f"a subclass of {base}; {latents} latents on {task}"
 
 
@@ -66,10 +72,15 @@ class _Trial:
         self._name = name
         self._task = task
         self._folder = folder
-        quick = {"epochs": 1, "batch": 512} if issubclass(find_kind(name), Learned) else {}
-        self._options = {**quick, **options}
+        self._options = dict(options)
+        if issubclass(find_kind(name), Learned):
+            self._options = {"epochs": 1, "batch": 512, **options}
+
         sizes = latent_sizes(name, task, options)
-        self._latents = min(12, sizes[-1]) if latents is None else latents
+        if latents is None:
+            latents = min(12, sizes[-1])
+
+        self._latents = latents
         self._trained = cache(self._train)
 
     def options_described(self) -> str:

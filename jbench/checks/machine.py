@@ -8,6 +8,7 @@ import shutil
 import tempfile
 import time
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 
 import mujoco
@@ -53,10 +54,13 @@ def check_machine(results: Results) -> Iterator[Checked]:
 def _versions() -> Checked:
     """Says which versions of jbench, Python and the main packages there are."""
     names = ("mujoco", "dm-control", "gymnasium", "numpy", "torch", "stable-baselines3", "duckdb")
-    there = {name: _version(name) for name in names}
-    listed = ", ".join(f"{name} {version}" for name, version in there.items() if version)
+    versions = {name: _version(name) for name in names}
+    listed = ", ".join(f"{name} {version}" for name, version in versions.items() if version)
+    jbench = f"jbench {_version('jbench')}"
     revision = git_revision()
-    jbench = f"jbench {_version('jbench')}" + (f" ({revision})" if revision else "")
+    if revision:
+        jbench += f" ({revision})"
+
     return Checked("versions", "ok", f"{jbench}, Python {platform.python_version()}, {listed}")
 
 
@@ -91,16 +95,23 @@ def _cores() -> Checked:
     """Says how many cores jbench may use, and how busy they are."""
     usable = cores()
     whole = os.cpu_count() or 1
-    limited = "" if usable == whole else f" of {whole}: affinity or a quota leaves no more"
-    load = f"; load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""
-    return Checked("cores", "ok", f"{usable}{limited}{load}; {processor()}, {platform.machine()}")
+    parts = [f"{usable}"]
+    if usable != whole:
+        parts = [f"{usable} of {whole}: affinity or a quota leaves no more"]
+    if hasattr(os, "getloadavg"):
+        parts.append(f"load {os.getloadavg()[0]:.1f}")
+
+    parts.append(f"{processor()}, {platform.machine()}")
+    return Checked("cores", "ok", "; ".join(parts))
 
 
 def _threads() -> Checked:
     """Says how many threads matrix products use, and what limits them."""
+    blas = "unknown"
     configuration = np.show_config(mode="dicts")
-    built = configuration["Build Dependencies"] if isinstance(configuration, dict) else {}
-    blas = built.get("blas", {}).get("name", "unknown")
+    if isinstance(configuration, dict):
+        blas = configuration["Build Dependencies"].get("blas", {}).get("name", "unknown")
+
     typed = [f"{name}={os.environ[name]}" for name in ONE_THREAD if name in os.environ]
     products = "MKL" if torch.backends.mkl.is_available() else "no MKL"
     text = f"torch has {torch.get_num_threads()} ({products}), numpy {blas}"
@@ -110,7 +121,9 @@ def _threads() -> Checked:
 def _gpu() -> Checked:
     """Says which GPUs torch can use, after it has computed on one."""
     if not torch.cuda.is_available():
-        built = "for CPUs only" if torch.version.cuda is None else f"for CUDA {torch.version.cuda}"
+        built = f"for CUDA {torch.version.cuda}"
+        if torch.version.cuda is None:
+            built = "for CPUs only"
         return Checked("GPU", "ok", f"none that torch can use (torch is built {built})")
 
     try:
@@ -158,10 +171,15 @@ def _directory(results: Results) -> Checked:
         text = f"{results.name} is on a file system without locks: run one command at a time there"
         return Checked(name, "note", text)
 
+    title = f"{results.name}"
+    if not results.path.exists():
+        title += " (does not exist yet)"
+
     free = shutil.disk_usage(place).free
-    there = "" if results.path.exists() else " (does not exist yet)"
-    text = f"{results.name}{there}: writable, lockable, {free / 1e9:,.1f} GB free"
-    return Checked(name, "note" if free < _LITTLE_ROOM else "ok", text)
+    text = f"{title}: writable, lockable, {free / 1e9:,.1f} GB free"
+    if free < _LITTLE_ROOM:
+        return Checked(name, "note", text)
+    return Checked(name, "ok", text)
 
 
 def _existing(path: Path) -> Path:
@@ -173,13 +191,13 @@ def _existing(path: Path) -> Path:
 def _locks(results: Results) -> Checked:
     """Says which records are being written now."""
     held = [
-        f"{record.kind} {record.id}"
-        for kind in KINDS
-        for record in results.walk(kind)
-        if locks.LOCK in record.names and locks.is_held(record.path)
+        f"{folder.kind} {folder.id}"
+        for folder in chain.from_iterable(map(results.walk, KINDS))
+        if locks.LOCK in folder.names and locks.is_held(folder.path)
     ]
-    text = f"being written now: {', '.join(held)}" if held else "no record is being written"
-    return Checked("locks", "ok", text)
+    if not held:
+        return Checked("locks", "ok", "no record is being written")
+    return Checked("locks", "ok", f"being written now: {', '.join(held)}")
 
 
 def _physics() -> Checked:
@@ -190,7 +208,9 @@ def _physics() -> Checked:
         f"{microseconds:.1f} us of the processor per step, {ratio:.1f} times the documented "
         f"{DOCUMENTED_STEP:g} us"
     )
-    return Checked("physics", "note" if ratio > _SLOW else "ok", text)
+    if ratio > _SLOW:
+        return Checked("physics", "note", text)
+    return Checked("physics", "ok", text)
 
 
 def physics_step() -> float:
@@ -221,5 +241,6 @@ def _opengl() -> Checked:
         )
 
     display = "a display" if has_display() else "no display"
-    verb = "draws" if len(working) == 1 else "draw"
-    return Checked("OpenGL", "ok", f"{', '.join(working)} {verb}; {display}")
+    if len(working) == 1:
+        return Checked("OpenGL", "ok", f"{working[0]} draws; {display}")
+    return Checked("OpenGL", "ok", f"{', '.join(working)} draw; {display}")

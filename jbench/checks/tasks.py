@@ -33,7 +33,9 @@ def _made(name: str) -> str:
 def _episode(name: str) -> str:
     """Steps an episode, as jbench does before each training."""
     task = checked_task(name)
-    limit = f"at most {task.episode_steps:,}" if task.ends_early else f"{task.episode_steps:,}"
+    limit = f"{task.episode_steps:,}"
+    if task.ends_early:
+        limit = f"at most {limit}"
     return f"an episode of random actions has {limit} control steps, its sizes and finite rewards"
 
 

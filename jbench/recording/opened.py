@@ -4,8 +4,10 @@ import warnings
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import chain
 from operator import attrgetter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -162,9 +164,18 @@ class OpenedResults:
         source = self._rows(request, representation)
 
         chosen = with_returns(source.configurations, returns)
-        drawn = chosen if per_seed else sorted(chosen, key=_key)
-        parts = [part for c in drawn for part in _points(c, c.curve(order, window), per_seed)]
-        points = long_frame(parts, [*_CURVE, *(_SEED_POINT if per_seed else _POINT)])
+        parts = []
+        columns = [*_CURVE]
+        if per_seed:
+            columns += _SEED_POINT
+            for configuration in chosen:
+                parts += _points_of_seeds(configuration, configuration.curve(order, window))
+        else:
+            columns += _POINT
+            for configuration in sorted(chosen, key=_key):
+                parts.append(_points(configuration, configuration.curve(order, window)))
+
+        points = long_frame(parts, columns)
 
         named = pd.DataFrame(list(map(_key, chosen)), columns=_CURVE)
         named["settings"] = [configuration.words for configuration in chosen]
@@ -191,8 +202,10 @@ def _with_representation(source: sources.Source, typed: str) -> sources.Source:
     known = sorted({str(name) for name in source.runs["representation"]})
     meant = representations_meant(typed, known)
     if not meant:
-        others = f"; there are {in_prose(known, 'and')}" if known else ""
-        raise NothingYetError(f"There are no runs with the representation {typed!r}{others}.")
+        problem = f"There are no runs with the representation {typed!r}"
+        if known:
+            problem += f"; there are {in_prose(known, 'and')}"
+        raise NothingYetError(f"{problem}.")
 
     configurations = [c for c in source.configurations if c.representation in meant]
     runs = source.runs[source.runs["representation"].isin(meant)]
@@ -214,15 +227,24 @@ def _returns_at_end(source: sources.Source) -> FloatArray:
     return np.array(source.runs["run"].map(ends), np.float64)
 
 
-def _points(configuration: Configuration, curve: Curve, per_seed: bool) -> list[Part]:
-    """Returns the points of a curve, or those of each seed's."""
+def _names(configuration: Configuration) -> dict[str, Any]:
+    """Returns what the points of a curve have in common, by column."""
     names = dict(zip(_CURVE, _key(configuration), strict=True))
     names["returns"] = configuration.returns_name
-    if not per_seed:
-        quantiles = dict(zip(_QUANTILES, curve.quantiles, strict=True))
-        arrays = {"window": curve.widths, "control_steps": curve.control_steps}
-        return [(names | {"order": curve.order, "seeds": curve.seeds}, arrays | quantiles)]
+    return names
 
+
+def _points(configuration: Configuration, curve: Curve) -> Part:
+    """Returns the points of a curve, which are quantiles across seeds."""
+    names = _names(configuration) | {"order": curve.order, "seeds": curve.seeds}
+    quantiles = dict(zip(_QUANTILES, curve.quantiles, strict=True))
+    arrays = {"window": curve.widths, "control_steps": curve.control_steps}
+    return names, arrays | quantiles
+
+
+def _points_of_seeds(configuration: Configuration, curve: Curve) -> list[Part]:
+    """Returns the points of each seed's curve."""
+    names = _names(configuration)
     parts: list[Part] = []
     for run, seed, mine in zip(configuration.runs, configuration.seeds, curve.by_seed, strict=True):
         points = {"window": mine.widths, "control_steps": mine.control_steps}
@@ -234,7 +256,7 @@ def _points(configuration: Configuration, curve: Curve, per_seed: bool) -> list[
 def _settings(runs: Sequence[Run]) -> pd.DataFrame:
     """Returns a row for each run and a column for each setting, by the last part of its name."""
     flat = [flatten(run) for run in runs]
-    paths = list(dict.fromkeys(path for settings in flat for path in settings))
+    paths = list(dict.fromkeys(chain.from_iterable(flat)))
     last = Counter(path[-1] for path in paths)
     names = {path: path[-1] if last[path[-1]] == 1 else ".".join(path) for path in paths}
     columns = {name: [settings.get(path) for settings in flat] for path, name in names.items()}

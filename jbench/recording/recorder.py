@@ -71,7 +71,9 @@ class Recording:
     @property
     def control_steps(self) -> int:
         """Control steps made so far in this block, over all environments."""
-        return 0 if self._writer is None else self._writer.control_steps
+        if self._writer is None:
+            return 0
+        return self._writer.control_steps
 
     def __enter__(self) -> "Recording":
         """Locks the run and creates its record; raises a WorkError if that is impossible."""
@@ -100,8 +102,11 @@ class Recording:
 
                 return
 
-            again = "" if existing is None else f", which is {existing.status} and starts over"
-            _note(f"Recording the run {self.id} in {self._results.name}{again}.")
+            sentence = f"Recording the run {self.id} in {self._results.name}"
+            if existing is not None:
+                sentence += f", which is {existing.status} and starts over"
+
+            _note(f"{sentence}.")
             record = self._results.create("run", self.id, self._settings.values, self._made_on)
             self._writer = RunWriter(record, self._settings, self._encoder)
             self._environments = 0
@@ -144,7 +149,8 @@ class Recording:
                 or a RequestError.
         """
         losses = self._running().losses
-        if unknown := sorted(values.keys() - schema.LOSSES):
+        unknown = sorted(values.keys() - schema.LOSSES)
+        if unknown:
             raise RequestError(
                 f"There is no loss {', '.join(unknown)}; there are {', '.join(schema.LOSSES)}, and "
                 "log(NAME=VALUE) takes any other metric."

@@ -85,7 +85,9 @@ def record(
     }
     fields = {name: _number(value) for name, value in typed.items()}
     settings = _settings(fields, hyperparameters, str(encoder), place)
-    logger = None if log is None else make_logger(known("log", log, names.LOGGERS), place.path)
+    logger = None
+    if log is not None:
+        logger = make_logger(known("log", log, names.LOGGERS), place.path)
 
     code = {**code_provenance(task), **encoder_code(place, settings.encoder)}
     records, _ = place.scan("run", _folder(settings))
@@ -110,7 +112,10 @@ def _settings(
     """Returns the settings of a run from its typed fields; a RequestError if one is invalid."""
     # A task or label that does not exist is reported before an encoder that does not.
     is_default = fields["evaluate_every"] is None
-    checked = {**fields, "evaluate_every": 1} if is_default else fields
+    checked = dict(fields)
+    if is_default:
+        checked["evaluate_every"] = 1
+
     first = validated(ExternalSettings, "the run", hyperparameters={}, **checked)
 
     specs = checked_task(first.task).specs
@@ -128,8 +133,10 @@ def _settings(
         fields["encoder"] = find_encoder(results, representation, first.task)
         fields["representation"] = read_representation(results, fields["encoder"])
 
-    given = {} if hyperparameters is None else hyperparameters
-    plain = _plain_hyperparameters(given, first.seed, first.steps)
+    if hyperparameters is None:
+        hyperparameters = {}
+
+    plain = _plain_hyperparameters(hyperparameters, first.seed, first.steps)
     return validated(ExternalSettings, "the run", specs=specs, hyperparameters=plain, **fields)
 
 
@@ -200,4 +207,6 @@ def _plain(value: Any, where: str) -> Any:
 
 def _number(value: Any) -> Any:
     """Returns a NumPy number as one of Python."""
-    return value.item() if isinstance(value, np.generic) else value
+    if isinstance(value, np.generic):
+        return value.item()
+    return value

@@ -68,7 +68,8 @@ class RunWriter:
     def episode(self, episode_return: float, length: int) -> None:
         """Adds an ended training episode; a loss must be a finite number, else the run diverged."""
         losses = as_numbers(self.losses)
-        if (name := divergent_loss(losses)) is not None:
+        name = divergent_loss(losses)
+        if name is not None:
             raise DivergedError(None, self.control_steps, name)
         self._processor_clock.share([self.log])
         self.log.episode(self.control_steps, episode_return, losses, length)
@@ -135,7 +136,10 @@ class RunWriter:
             self.log.commit()
         if not isinstance(error, Exception):
             return
-        details = error.summary if isinstance(error, DivergedError) else {}
+
+        details = {}
+        if isinstance(error, DivergedError):
+            details = error.summary
         with contextlib.suppress(WorkError):
             self._record.fail(sentence_of_failure(error), details)
 

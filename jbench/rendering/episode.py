@@ -5,6 +5,7 @@ import re
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -154,10 +155,9 @@ def write(
     draw = ImageDraw.Draw(image)
     line = round(1.3 * size)
     margin = size // 2
-    above, below = (
-        [part for text in texts for part in broken(text, size, width - 2 * margin)]
-        for texts in (above, below)
-    )
+    room = width - 2 * margin
+    above = [*chain.from_iterable(broken(text, size, room) for text in above)]
+    below = [*chain.from_iterable(broken(text, size, room) for text in below)]
     tops = [margin + line * row for row in range(len(above))]
     tops += [height - margin - line * (len(below) - row) for row in range(len(below))]
     style: dict[str, Any] = {

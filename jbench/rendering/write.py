@@ -30,7 +30,9 @@ _VIDEO_QUALITY = 8  # out of 10; a minute of 640 x 480 pixels takes about 10 MB
 
 def default_size(path: Path) -> tuple[int, int]:
     """Returns the default width and height (pixels) for a file's suffix."""
-    return (320, 240) if path.suffix.lower() == ".png" else (640, 480)
+    if path.suffix.lower() == ".png":
+        return 320, 240
+    return 640, 480
 
 
 def _check(path: Path) -> None:
@@ -42,7 +44,10 @@ def _check(path: Path) -> None:
         )
 
     # Gymnasium's renderer imports imageio, too.
-    needed = ("imageio", "imageio_ffmpeg") if suffix == ".mp4" else ("imageio",)
+    needed = ["imageio"]
+    if suffix == ".mp4":
+        needed.append("imageio_ffmpeg")
+
     missing = [name for name in needed if importlib.util.find_spec(name) is None]
     if missing:
         raise RequestError(
@@ -76,28 +81,26 @@ def render_to_file(
     suffix = path.suffix.lower()
     is_strip = suffix == ".png"
     task = find_task(scene.task)
-    steps = task.episode_steps if steps is None else steps
+    if steps is None:
+        steps = task.episode_steps
+
     stride = max(1, round(speed * _INTERVAL / scene.timestep))
     seconds = stride * scene.timestep / speed  # between two images
-    # The images of a strip are equally spaced, with the first and last.
-    moments = np.linspace(0, steps, min(_MOMENTS, steps + 1)).round().astype(int).tolist()
-    at = moments if is_strip else [*range(0, steps, stride), steps]
-    camera = scene.camera or task.default_camera
-    notes = [
-        f"{camera} camera" if camera else "",
-        task.scale,
-        f"{speed:g} x real time" if speed != 1 else "",
-    ]
-    draw = partial(
-        episode.video_picture, title=f"{scene.task}, {name}", note=", ".join(filter(None, notes))
-    )
+    if is_strip:  # whose images are equally spaced, with the first and last
+        moments = np.linspace(0, steps, min(_MOMENTS, steps + 1)).round().astype(int).tolist()
+        draw: Callable[[Frame], Picture] = episode.strip_picture
+    else:
+        moments = [*range(0, steps, stride), steps]
+        title = f"{scene.task}, {name}"
+        draw = partial(episode.video_picture, title=title, note=_note(scene, speed))
+
     # Only the last frame is kept, since a long video would fill the memory.
     last_frame: list[Frame] = []
 
     def pictures() -> Iterator[Picture]:
-        for frame in render_episode(policy, scene, at, progress):
+        for frame in render_episode(policy, scene, moments, progress):
             last_frame[:] = [frame]
-            yield episode.strip_picture(frame) if is_strip else draw(frame)
+            yield draw(frame)
 
     if suffix == ".mp4":
         content = mp4(pictures(), seconds)
@@ -110,6 +113,21 @@ def render_to_file(
 
     write_atomic(path, content)
     return last_frame[0]
+
+
+def _note(scene: Scene, speed: float) -> str:
+    """Returns the note in a video: its camera, its scale and its speed, if there is one to say."""
+    task = find_task(scene.task)
+    notes = []
+    camera = scene.camera or task.default_camera
+    if camera:
+        notes.append(f"{camera} camera")
+    if task.scale:
+        notes.append(task.scale)
+    if speed != 1:
+        notes.append(f"{speed:g} x real time")
+
+    return ", ".join(notes)
 
 
 def gif(pictures: Sequence[Picture], seconds: float = _INTERVAL) -> bytes:

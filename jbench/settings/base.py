@@ -12,7 +12,7 @@ from pydantic.fields import FieldInfo
 
 from jbench.errors import RequestError
 from jbench.names import MAX_COUNT, MAX_SEED
-from jbench.typed_values import closest
+from jbench.typed_values import closest, suggested
 
 Seed = Annotated[int, Field(ge=0, le=MAX_SEED)]
 Count = Annotated[int, Field(ge=1, le=MAX_COUNT)]
@@ -59,8 +59,10 @@ class RecordSettings(Settings):
 
 def _is_finite(value: Any) -> bool:
     """Returns whether a value of JSON has no number that is infinite or NaN."""
-    if isinstance(value, Mapping | list | tuple):
-        return all(map(_is_finite, value.values() if isinstance(value, Mapping) else value))
+    if isinstance(value, Mapping):
+        return all(map(_is_finite, value.values()))
+    if isinstance(value, list | tuple):
+        return all(map(_is_finite, value))
     return not isinstance(value, float) or math.isfinite(value)
 
 
@@ -116,7 +118,9 @@ def task_and_representation(encoder: str) -> tuple[str, str]:
 
 def whole(value: Any) -> Any:
     """Returns the integer for a float such as 5e6, and anything else as it is."""
-    return int(value) if isinstance(value, float) and value.is_integer() else value
+    if isinstance(value, float) and value.is_integer():
+        return int(value)
+    return value
 
 
 _Model = TypeVar("_Model", bound=BaseModel)
@@ -141,25 +145,25 @@ def validated(kind: type[_Model], whose: str, /, **values: object) -> _Model:
 
 
 def settings_with(
-    kind: type[_Model], name: str, values: Mapping[str, object], what: str = "setting"
+    kind: type[_Model], name: str, values: Mapping[str, object], noun: str = "setting"
 ) -> _Model:
     """Returns a settings object with values by name, as JSON values, instead of its defaults.
 
-    An integer may be a float, such as 1e3. Raises a RequestError if a setting, called `what`, is
-    unknown or a value is invalid.
+    An integer may be a float, such as 1e3. Raises a RequestError if a setting, called by the noun,
+    is unknown or a value is invalid.
     """
-    fields = kind.model_fields
-    given = {
-        setting: whole(value) if setting in fields and fields[setting].annotation is int else value
-        for setting, value in values.items()
-    }
+    given = dict(values)
+    for setting, field in kind.model_fields.items():
+        if setting in given and field.annotation is int:
+            given[setting] = whole(given[setting])
+
     try:
         return kind.model_validate_json(json.dumps(given, default=repr))
     except ValidationError as error:
-        raise _refusal(error, kind, name, what) from None
+        raise _refusal(error, kind, name, noun) from None
 
 
-def _refusal(error: ValidationError, kind: type[BaseModel], whose: str, what: str) -> RequestError:
+def _refusal(error: ValidationError, kind: type[BaseModel], whose: str, noun: str) -> RequestError:
     """Returns an error whose message names the first invalid setting; see `settings_with`."""
     # An unknown name explains the other errors: it was meant to be another one.
     first = min(error.errors(), key=lambda detail: detail["type"] != "extra_forbidden")
@@ -169,27 +173,27 @@ def _refusal(error: ValidationError, kind: type[BaseModel], whose: str, what: st
             kind = kind.model_fields[table].annotation  # type: ignore[assignment]
             whose = f"[{table}]"
         names = sorted(field.title or key for key, field in kind.model_fields.items())
-        close = closest(name, names)
-        hint = f"did you mean {close}? It" if close else "it"
-        has = ", ".join(names) or "none"
-        return RequestError(f"{whose} has no {what} {name}; {hint} has {has}.")
+        advice = suggested(closest(name, names), f"it has {', '.join(names) or 'none'}")
+        return RequestError(f"{whose} has no {noun} {name}; {advice}.")
 
     cause = first.get("ctx", {}).get("error")
     if isinstance(cause, RequestError):
         return cause
 
-    field = None if tables else kind.model_fields.get(name)
-    # A title is the name that users know the field by.
-    named = field.title if field is not None and field.title else ".".join([*tables, name])
+    title = ".".join([*tables, name])
+    if not tables and name in kind.model_fields:
+        # The name that users know the field by.
+        title = kind.model_fields[name].title or title
     if first["type"] == "missing":
-        return RequestError(f"the {what} {named} of {whose} is missing: give it a value.")
+        return RequestError(f"the {noun} {title} of {whose} is missing: give it a value.")
 
     message = first["msg"].rstrip(".")
     for words, plain in _PLAIN.items():
         message = message.replace(words, plain)
 
     if first["type"] == "model_type":
-        message = f"it is a table: write [{named}] and its keys below it"
+        message = f"it is a table: write [{title}] and its keys below it"
+    if title:
+        message = f"{title} of {whose} can't be {first['input']!r}: {message}"
 
-    subject = f"{named} of {whose} can't be {first['input']!r}: " if named else ""
-    return RequestError(f"{subject}{message}.")
+    return RequestError(f"{message}.")

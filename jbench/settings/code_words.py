@@ -5,6 +5,7 @@ Versions of one day have the time as well.
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain, starmap
 from typing import Any, NamedTuple
 
 from jbench.settings.base import canonical_json
@@ -28,8 +29,11 @@ def code_word(name: str, value: Any, dates: Mapping[str, str]) -> str:
     kind = CODE_WORDS.get(name.rpartition(".")[2])
     if kind is None or not isinstance(value, str):
         return ""
-    date = f" of {dates[value]}" if value in dates else ""
-    return f"{kind} {value[:CODE_LENGTH]}{date}"
+
+    word = f"{kind} {value[:CODE_LENGTH]}"
+    if value in dates:
+        word += f" of {dates[value]}"
+    return word
 
 
 class CodeVersion(NamedTuple):
@@ -67,7 +71,7 @@ def code_dates(runs: Iterable[tuple[Run, object]]) -> dict[str, str]:
     Args:
         runs: settings, and when the run was begun.
     """
-    return first_dates(version for run, created in runs for version in _code_versions(run, created))
+    return first_dates(chain.from_iterable(starmap(_code_versions, runs)))
 
 
 def first_dates(versions: Iterable[CodeVersion]) -> dict[str, str]:
@@ -99,10 +103,13 @@ def with_times(begun: Sequence[str]) -> list[str]:
     Args:
         begun: when each version was first used, such as `2026-11-28T13:05:17+00:00`.
     """
-    counts = Counter(created[:DATE] for created in begun)
-    return [
-        created[:DATE] if counts[created[:DATE]] == 1 else _minute(created) for created in begun
-    ]
+    dates = [created[:DATE] for created in begun]
+    counts = Counter(dates)
+    for i, created in enumerate(begun):
+        if counts[created[:DATE]] > 1:
+            dates[i] = _minute(created)
+
+    return dates
 
 
 def _minute(created: str) -> str:
@@ -127,5 +134,9 @@ def encoder_words(encoders: Iterable[tuple[str, Mapping[str, Any], object]]) -> 
         word = code_word("sources", settings.get("sources"), dates)
         alike.setdefault(canonical_json(others), {})[id] = word
 
-    groups = (words for words in alike.values() if len(words) > 1)
-    return {id: word for words in groups for id, word in words.items() if word}
+    shown = dict[str, str]()
+    for words in alike.values():
+        if len(words) > 1:
+            shown |= {id: word for id, word in words.items() if word}
+
+    return shown

@@ -4,6 +4,7 @@ import json
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
+from itertools import chain
 from typing import Any
 
 from jbench.names import Base
@@ -69,12 +70,13 @@ def chosen_paths(run: Run | Mapping[str, Any]) -> set[SettingPath]:
     if not isinstance(run, RunSettings):
         return set()
 
-    what = chosen(run)
-    paths: set[SettingPath] = {(name,) for name in what.options}
-    paths |= {("ofe", name) for name in what.features}
-    if what.base is not None:
-        paths |= {(HYPERPARAMETERS, name) for name in what.hyperparameters}
-        paths |= set() if what.is_usual_base else {(BASE,)}
+    choices = chosen(run)
+    paths: set[SettingPath] = {(name,) for name in choices.options}
+    paths |= {("ofe", name) for name in choices.features}
+    if choices.base is not None:
+        paths |= {(HYPERPARAMETERS, name) for name in choices.hyperparameters}
+        if not choices.is_usual_base:
+            paths.add((BASE,))
 
     return paths
 
@@ -99,7 +101,7 @@ def differing_paths(flats: Collection[Flat]) -> set[SettingPath]:
     """Returns the paths that do not have one value everywhere."""
     return {
         path
-        for path in dict.fromkeys(path for values in flats for path in values)
+        for path in set(chain.from_iterable(flats))
         if len({json.dumps(values.get(path, ...), default=repr) for values in flats}) > 1
     }
 
@@ -142,8 +144,10 @@ def _if_not_typed(name: str, run: RunSettings, base: Base | None) -> Any:
     """
     if name == "time_limit":
         return default_time_limit(base)
+    if name == "engine" and run.algo in SETTINGS:
+        return "batched"
     if name == "engine":
-        return "batched" if run.algo in SETTINGS else run.engine
+        return run.engine
     return typed_default(RunSettings.model_fields[name])
 
 

@@ -28,7 +28,9 @@ def evaluation_schedule(
         return _short_evaluations(steps, episode_steps)
     if every is None:
         every = evaluation_interval(steps, episode_steps)
-    return every, EVALUATION_EPISODES if episodes is None else episodes
+    if episodes is None:
+        episodes = EVALUATION_EPISODES
+    return every, episodes
 
 
 def has_short_evaluations(steps: int, episode_steps: int, every: int, episodes: int) -> bool:

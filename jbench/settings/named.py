@@ -39,14 +39,17 @@ def with_encoders(flat: Mapping[str, Flat]) -> dict[str, Flat]:
 
     changed = {}
     for variant, values in flat.items():
-        each = values.get(DRAWS) is not None
+        whose = "one"
+        if values.get(DRAWS) is not None:
+            whose = "each"
+
         kept = {
             path: value
             for path, value in values.items()
             if not (path == DRAWS and len(draws) == 1)
             and not (path == ENCODER and len(shared) == 1)
         }
-        changed[variant] = {(WHOSE,): "each" if each else "one"} | kept
+        changed[variant] = {(WHOSE,): whose} | kept
 
     return changed
 
@@ -71,7 +74,9 @@ def with_base(flat: Flat, *, only_recorded: bool) -> Flat:
     task = str(flat.get(("task",), TASKS[0]))
     base = nearest_base(algo, {".".join(path[1:]): value for path, value in given.items()}, task)
     assert base is not None
-    changes = given if base == "published" else published
+    changes = published
+    if base == "published":
+        changes = given
     if only_recorded:
         omitted = flatten({HYPERPARAMETERS: SETTINGS[algo].omitted()})
         changes = {p: v for p, v in changes.items() if v != omitted.get(p, ...)}
@@ -83,8 +88,9 @@ def with_base(flat: Flat, *, only_recorded: bool) -> Flat:
     if only_recorded and others.get(TIME_LIMIT) == default_time_limit(base):
         del others[TIME_LIMIT]
 
-    shown = USUAL if only_recorded and base == default_base(task) else base
-    return {(BASE,): shown} | others | changes
+    if only_recorded and base == default_base(task):
+        return {(BASE,): USUAL} | others | changes
+    return {(BASE,): base} | others | changes
 
 
 @cache

@@ -6,6 +6,7 @@ Another program or a newer version may have written them.
 import json
 from collections.abc import Collection, Mapping
 from functools import lru_cache
+from itertools import chain
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
@@ -94,9 +95,12 @@ def recorded_episode_steps(values: Mapping[str, Any]) -> int:
     specs = values.get("specs")
     if specs is None:
         return episode_steps(None)
-    length = specs.get("episode_steps") if isinstance(specs, Mapping) else None
-    default = Specs.model_fields["episode_steps"].default
-    return length if isinstance(length, int) and length > 0 else int(default)
+    if isinstance(specs, Mapping):
+        length = specs.get("episode_steps")
+        if isinstance(length, int) and length > 0:
+            return length
+
+    return int(Specs.model_fields["episode_steps"].default)
 
 
 Run = RunSettings | ExternalSettings | Unreadable
@@ -110,7 +114,10 @@ def parse_run(text: str) -> Run:
 
 def read_run(values: Mapping[str, Any]) -> Run:
     """Returns the settings of a run from its manifest."""
-    kind = ExternalSettings if values.get("engine") == EXTERNAL else RunSettings
+    kind: type[RunSettings] | type[ExternalSettings] = RunSettings
+    if values.get("engine") == EXTERNAL:
+        kind = ExternalSettings
+
     try:
         return kind.model_validate(values)
     except ValidationError:
@@ -168,7 +175,7 @@ def comparable(run: Run, *names: str) -> str:
 
 def with_implied(*names: str) -> set[str]:
     """Returns the named settings and those that necessarily differ if these do."""
-    return {*names, *(implied for name in names for implied in _IMPLIED.get(name, ()))}
+    return {*names, *chain.from_iterable(_IMPLIED.get(name, ()) for name in names)}
 
 
 def has_known_defaults(run: Run) -> bool:

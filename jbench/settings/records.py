@@ -223,8 +223,8 @@ class LabeledSettings(Labels, RecordSettings):
     @property
     def id(self) -> str:
         """The id, such as face_direction/cleanrl-td3/full/s03-1f9a2c4e."""
-        task, algo = in_id(self.task), in_id(self.algo)
-        return f"{task}/{algo}/{self.representation}/s{self.seed:02d}-{self.hash}"
+        configuration = f"{in_id(self.task)}/{in_id(self.algo)}/{self.representation}"
+        return f"{configuration}/s{self.seed:02d}-{self.hash}"
 
 
 class TrainedSettings(LabeledSettings):

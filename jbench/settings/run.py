@@ -92,8 +92,12 @@ class RunSettings(TrainedSettings):
             )
 
         if not ENGINES[self.engine].has_options:
-            parallel = [] if self.parallel is None else ["environments"]
-            if unknown := algorithm.only_batched([*self.hyperparameters, *parallel]):
+            given = [*self.hyperparameters]
+            if self.parallel is not None:
+                given.append("environments")
+
+            unknown = algorithm.only_batched(given)
+            if unknown:
                 raise ValueError(
                     f"stable-baselines3 has no {', '.join(unknown)}: choose the batched engine, or "
                     "other settings"
@@ -111,11 +115,13 @@ class RunSettings(TrainedSettings):
         least = self.robots * count * self.episode_steps
         if self.steps % least:
             up = (self.steps // least + 1) * least
-            where = f" in each of {count} environments" if count > 1 else ""
+            length = f"{self.episode_steps} control steps"
+            if count > 1:
+                length += f" in each of {count} environments"
+
             raise ValueError(
                 f"{self.robots} robots can't share {self.steps} steps equally, in episodes of "
-                f"{self.episode_steps} control steps{where}: steps must be {up}, or another "
-                f"multiple of {least}"
+                f"{length}: steps must be {up}, or another multiple of {least}"
             )
 
         return self
@@ -142,7 +148,9 @@ class RunSettings(TrainedSettings):
 
         if self.encoder is not None:
             raise ValueError(f"{name} learns from observations: it can't have an encoder, too")
-        if obstacle := self.algorithm.obstacle_to_features():
+
+        obstacle = self.algorithm.obstacle_to_features()
+        if obstacle:
             raise ValueError(f"{name} {obstacle}")
 
         return self
@@ -187,7 +195,9 @@ class RunSettings(TrainedSettings):
 
     def robot_seed(self, robot: int) -> int | None:
         """Returns the seed of the augmented robot with this index, at most the last one."""
-        return None if self.augment is None else self.augment + min(robot, self.robots - 1)
+        if self.augment is None:
+            return None
+        return self.augment + min(robot, self.robots - 1)
 
     def robot_at(self, control_steps: int) -> int:
         """Returns the index of the robot at a control step, which is counted from 1.

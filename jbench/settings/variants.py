@@ -4,6 +4,7 @@ import json
 import math
 from collections import Counter
 from collections.abc import Callable, Collection, Container, Mapping
+from itertools import chain
 from typing import Any
 
 from jbench.settings.algorithms import SETTINGS
@@ -85,7 +86,9 @@ def variant_words(
     """
 
     def word(name: str, value: Any) -> str:
-        encoder = encoders.get(str(value)) if encoders and (name,) == ENCODER else None
+        encoder = None
+        if encoders and (name,) == ENCODER:
+            encoder = encoders.get(str(value))
         return encoder or _word(name, value, dates or {})
 
     jitterbug = {v: run for v, run in settings.items() if getattr(run, "specs", None) is None}
@@ -190,7 +193,7 @@ def _labels(
     always = always or {}
     differing = differing_paths(values.values())
     candidates = differing.union(*always.values())
-    every_path = dict.fromkeys(path for each in values.values() for path in each)
+    every_path = dict.fromkeys(chain.from_iterable(values.values()))
     names = _names([p for p in every_path if p in candidates and p[0] not in left_out])
 
     true = {
@@ -273,8 +276,11 @@ def _text(value: Any) -> str:
     if value is ...:
         return "(not set)"
     text = value_text(value)
+    if len(text) <= _VALUE_LENGTH:
+        return text
+
     half = _VALUE_LENGTH // 2
-    return text if len(text) <= _VALUE_LENGTH else f"{text[:half]}{CUT}{text[-half:]}"
+    return f"{text[:half]}{CUT}{text[-half:]}"
 
 
 def value_text(value: Any) -> str:
@@ -289,5 +295,6 @@ def value_text(value: Any) -> str:
 
 def _rank(value: Any) -> tuple[int, float, str]:
     """Returns a sort key: numbers by size, then everything else."""
-    number = isinstance(value, int | float)
-    return (0, value, "") if number else (1, 0.0, _text(value))
+    if isinstance(value, int | float):
+        return 0, value, ""
+    return 1, 0.0, _text(value)

@@ -11,9 +11,9 @@ from typing import Any
 
 from jbench.errors import RequestError
 from jbench.settings.base import settings_hash
-from jbench.store.provenance import package_versions
+from jbench.store.provenance import mapping, package_versions
 from jbench.store.record import Record
-from jbench.wording import in_prose
+from jbench.wording import have, in_prose
 
 Code = Mapping[str, Any]
 """Provenance of code, by the names of `CODE`."""
@@ -47,7 +47,8 @@ class ChangedCodeError(RequestError):
 
 def check_code(record: Record, now: Code) -> None:
     """Raises a ChangedCodeError, which names record, files and date, if the code has changed."""
-    if files := changed_since(record, now):
+    files = changed_since(record, now)
+    if files:
         raise ChangedCodeError(
             f"{since_recorded(record, files)}; restore the code of that time, or type {ACCEPT} to "
             "go on with the present code.",
@@ -62,15 +63,20 @@ def changed_since(record: Record, now: Code) -> list[str]:
     """
     made: Mapping[str, Any] = record.manifest.provenance
     accepted = record.settings.get("accepted")
-    if accepted is not None:
-        if accepted == code_hash(now):
-            return []
-        continued = made.get("continued")
-        last = continued[-1] if isinstance(continued, list) and continued else {}
-        code = last.get("code") if isinstance(last, Mapping) else None
-        made = {**made, **code} if isinstance(code, Mapping) else made
+    if accepted is None:
+        return changed_files(made, now)
+    if accepted == code_hash(now):
+        return []
 
-    return changed_files(made, now)
+    return changed_files({**made, **_code_of_last_note(made)}, now)
+
+
+def _code_of_last_note(made: Code) -> Code:
+    """Returns the code with which work was continued last; {} if it is not recorded."""
+    continued = made.get("continued")
+    if not isinstance(continued, list) or not continued:
+        return {}
+    return mapping(mapping(continued[-1]).get("code"))
 
 
 def since_recorded(record: Record, files: Sequence[str]) -> str:
@@ -83,7 +89,7 @@ def since_recorded(record: Record, files: Sequence[str]) -> str:
 
 def have_changed(files: Sequence[str]) -> str:
     """Returns a clause such as `reward.py has changed`, with the names of all files."""
-    return f"{in_prose(files, 'and')} {'has' if len(files) == 1 else 'have'} changed"
+    return f"{in_prose(files, 'and')} {have(len(files))} changed"
 
 
 def date_of(record: Record) -> str:
@@ -108,11 +114,12 @@ def changed_files(before: Code, now: Code) -> list[str]:
     """
     names = list[str]()
     for key, module in MODULES.items():
-        then, here = _files(before.get(key)), _files(now.get(key))
-        if then and here:
-            names += _different(then, here)
+        recorded = mapping(before.get(key))
+        present = mapping(now.get(key))
+        if recorded and present:
+            names += _different(recorded, present)
         elif _both(before, now, module) and before[module] != now[module]:
-            names.append(next(iter(here), "the module"))
+            names.append(next(iter(present), "the module"))
 
     # Another version of MuJoCo may compile other numbers from the same XML.
     if _both(before, now, ROBOT) and before[ROBOT] != now[ROBOT] and _same_mujoco(before):
@@ -121,12 +128,13 @@ def changed_files(before: Code, now: Code) -> list[str]:
     return names
 
 
-def _different(then: Mapping[str, str], here: Mapping[str, str]) -> list[str]:
+def _different(recorded: Mapping[str, str], present: Mapping[str, str]) -> list[str]:
     """Returns the names of files whose checksums differ; of data that are gone, with a word."""
-    names = sorted(n for n in then.keys() | here.keys() if then.get(n) != here.get(n))
+    every = sorted(recorded.keys() | present.keys())
+    names = [name for name in every if recorded.get(name) != present.get(name)]
     if any(name.endswith(".py") for name in names):
         return names  # the code may name other files now
-    return [name if name in here else f"{name} (not found)" for name in names]
+    return [name if name in present else f"{name} (not found)" for name in names]
 
 
 def with_data_read(now: Code, before: Code) -> dict[str, Any]:
@@ -138,13 +146,15 @@ def with_data_read(now: Code, before: Code) -> dict[str, Any]:
         now: provenance of the present code.
         before: the provenance of the encoder's record.
     """
-    files = _files(now.get("sources"))
+    files = mapping(now.get("sources"))
     gone = {
         name: checksum
-        for name, checksum in _files(before.get("sources")).items()
+        for name, checksum in mapping(before.get("sources")).items()
         if name not in files and not name.endswith(".py")
     }
-    return {**now, "sources": {**files, **gone}} if files and gone else dict(now)
+    if not files or not gone:
+        return dict(now)
+    return {**now, "sources": {**files, **gone}}
 
 
 def is_known(code: Code) -> bool:
@@ -162,11 +172,6 @@ def code_hash(code: Code) -> str:
     return settings_hash(code_of(code))
 
 
-def _files(value: object) -> dict[str, str]:
-    """Returns checksums by file; {} for what another program wrote."""
-    return dict(value) if isinstance(value, Mapping) else {}
-
-
 def _both(before: Code, now: Code, key: str) -> bool:
     """Returns whether two provenances have the same checksum: only then can it be compared."""
     return isinstance(before.get(key), str) and isinstance(now.get(key), str)
@@ -174,6 +179,5 @@ def _both(before: Code, now: Code, key: str) -> bool:
 
 def _same_mujoco(before: Code) -> bool:
     """Returns whether a record was made by the MuJoCo of today, or does not say by which."""
-    versions = before.get("packages")
-    then = versions.get("mujoco") if isinstance(versions, Mapping) else None
-    return then in (None, package_versions().get("mujoco"))
+    recorded = mapping(before.get("packages")).get("mujoco")
+    return recorded in (None, package_versions().get("mujoco"))

@@ -9,7 +9,7 @@ from jbench.store import files
 from jbench.store.code import date_of
 from jbench.store.manifest import ID, MANIFEST, Json, Manifest, RecordKind
 from jbench.store.record import Folder, Record
-from jbench.typed_values import closest, shown_as
+from jbench.typed_values import closest, question, shown_as
 from jbench.wording import with_results
 
 _MAX_SHOWN = 5  # ids in a message
@@ -105,10 +105,13 @@ class Results:
         found = sorted(self.scan(kind, text)[0], key=lambda record: record.manifest.created)
         if len(found) > 1:
             some = ", ".join(f"{record.id} ({date_of(record)})" for record in found[:_MAX_SHOWN])
-            more = f" and {len(found) - _MAX_SHOWN} more" if len(found) > _MAX_SHOWN else ""
-            raise RequestError(f"Several {kind}s begin with {text}: {some}{more}; type more of it.")
+            if len(found) > _MAX_SHOWN:
+                some += f" and {len(found) - _MAX_SHOWN} more"
+            raise RequestError(f"Several {kind}s begin with {text}: {some}; type more of it.")
 
-        return found[0].id if found else text
+        if found:
+            return found[0].id
+        return text
 
     def _whole_id(self, kind: RecordKind, shortened: str) -> str:
         """Returns the id that a table shows shortened; a RequestError unless it is the only one."""
@@ -116,15 +119,16 @@ class Results:
         if len(ids) == 1:
             return ids[0]
 
-        meant = f"several {kind}s are: {', '.join(ids)}" if ids else f"no {kind} is"
-        raise RequestError(f"{shortened} is short for an id, and {meant}; type a whole id.")
+        problem = f"no {kind} is"
+        if ids:
+            problem = f"several {kind}s are: {', '.join(ids)}"
+        raise RequestError(f"{shortened} is short for an id, and {problem}; type a whole id.")
 
     def no_run(self, id: str) -> RequestError:
         """Returns the error for an id of which there is no run; it names the most similar one."""
         close = closest(id, [record.id for record in self.scan("run")[0]])
-        meant = "" if close is None else f"did you mean {close}? "
-        listing = with_results("jbench runs", self.name)
-        return RequestError(f"There is no run {id} in {self.name}; {meant}{listing} lists them.")
+        advice = f"{question(close)}{with_results('jbench runs', self.name)} lists them"
+        return RequestError(f"There is no run {id} in {self.name}; {advice}.")
 
     @contextlib.contextmanager
     def locked(self, kind: RecordKind, id: str) -> Iterator[Record | None]:
@@ -152,8 +156,10 @@ class Results:
         records = list[Record]()
         problems = list[str]()
         for folder in self.walk(kind, beginning.rpartition("/")[0]):
+            if not folder.id.startswith(beginning):
+                continue
             try:
-                record = folder.read() if folder.id.startswith(beginning) else None
+                record = folder.read()
                 if record is not None:
                     records.append(record)
             except files.RecordError as error:

@@ -37,13 +37,15 @@ def joined_runs(
     """
     longest: dict[tuple[str, str], tuple[int, str]] = {}
     for name, status, settings in evaluations:
-        run = runs.get(policy := str(settings.get("policy")))
+        policy = str(settings.get("policy"))
+        run = runs.get(policy)
         if run is None or status != "finished" or settings.get("accepted") is not None:
             continue
-        where = tuple(settings.get(key) for key in ("task", "augment", "target_yaw"))
+
+        made_on = [settings.get(key) for key in ("task", "augment", "target_yaw")]
         episodes = settings.get("episodes")
-        if where == (run.get("task"), _last_robot(run), None) and isinstance(episodes, int):
-            key = policy, str(settings.get("seed"))
+        if made_on == [run.get("task"), _last_robot(run), None] and isinstance(episodes, int):
+            key = (policy, str(settings.get("seed")))
             longest[key] = max(longest.get(key, (0, "")), (episodes, name))
 
     return {name: run for (run, _), (_, name) in longest.items()}
@@ -53,7 +55,9 @@ def _last_robot(run: Recorded) -> int | None:
     """Returns the number of the robot on which a run ended; None for the plain one."""
     first = run.get("augment")
     robots = run.get("robots", 1)
-    return first + robots - 1 if isinstance(first, int) and isinstance(robots, int) else None
+    if isinstance(first, int) and isinstance(robots, int):
+        return first + robots - 1
+    return None
 
 
 def added_returns(

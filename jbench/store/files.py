@@ -90,7 +90,10 @@ def make_directory(path: Path, option: str | None = None) -> None:
 
     Raises a RequestError if the path is a file or not writable, a WorkError if the disk fails.
     """
-    instead = "name a directory that you may write to" + (f" by {option}" if option else "")
+    instead = "name a directory that you may write to"
+    if option is not None:
+        instead += f" by {option}"
+
     try:
         new = [parent for parent in (path, *path.parents) if not parent.exists()]
         path.mkdir(parents=True, exist_ok=True)
@@ -115,8 +118,8 @@ def check_output(path: Path, option: str = "--out") -> None:
     """Raises a RequestError if a file can't be written or replaced, before work on its content."""
     make_directory(path.parent, option)
     if path.exists() and not path.is_file():
-        what = "a directory" if path.is_dir() else "not a plain file"
-        raise RequestError(f"{option} {path} is {what}; name a file.")
+        problem = "a directory" if path.is_dir() else "not a plain file"
+        raise RequestError(f"{option} {path} is {problem}; name a file.")
 
 
 def write_atomic(path: Path, content: bytes) -> None:

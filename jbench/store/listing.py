@@ -3,6 +3,7 @@
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import chain
 from typing import Any, Literal
 
 import numpy as np
@@ -90,9 +91,13 @@ def _with_variants_in_words(
 
     dates = code_dates((read_run(record.settings), record.manifest.created) for record in records)
     has_encoders = any(record.settings.get("encoder") for record in records)
-    trained = results.scan("encoder")[0] if has_encoders else []
+    trained = []
+    if has_encoders:
+        trained, _ = results.scan("encoder")
+
     encoders = encoder_words((e.id, e.settings, e.manifest.created) for e in trained)
-    foreign = foreign_differences(run for runs in variants.values() for run in runs.values())
+    all_runs = chain.from_iterable(runs.values() for runs in variants.values())
+    foreign = foreign_differences(all_runs)
     words = {
         names: variant_words(runs, dates, encoders, foreign.get(str(names[0]), ()))
         for names, runs in variants.items()

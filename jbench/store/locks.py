@@ -78,7 +78,12 @@ def is_held(directory: Path, shared: bool = False) -> bool:
     Locks that `share` holds count only if `shared`; some systems then require write access. Where
     files can't be locked, none is held.
     """
-    access, kind = (os.O_RDWR, LockFlags.EXCLUSIVE) if shared else (os.O_RDONLY, LockFlags.SHARED)
+    access = os.O_RDONLY
+    kind = LockFlags.SHARED
+    if shared:
+        access = os.O_RDWR
+        kind = LockFlags.EXCLUSIVE
+
     try:
         with hold(directory, "", kind | LockFlags.NON_BLOCKING, access):
             return False

@@ -5,6 +5,7 @@ A record is committed as usual, so an interrupted merge can be repeated.
 
 from collections.abc import Collection, Iterator, Sequence
 from functools import partial
+from itertools import product
 from typing import Literal, NamedTuple
 
 import pyarrow as pa
@@ -55,13 +56,12 @@ def merge(
         if root.resolve() == results.path.resolve():
             raise RequestError(f"{root} is the results directory itself; name another.")
 
-    folders = [
-        (source, folder)
-        for kind in KINDS  # dependencies first
-        for source in sources
-        for folder in source.walk(kind)
-        if MANIFEST in folder.names  # also if it can't be read
-    ]
+    folders = []
+    for kind, source in product(KINDS, sources):  # dependencies first
+        for folder in source.walk(kind):
+            if MANIFEST in folder.names:  # also if it can't be read
+                folders.append((source, folder))
+
     merged: list[Merged] = []
     refused = set[_Key]()
     quarantine = Quarantine(results)
@@ -107,9 +107,11 @@ def _merged(
     kind = folder.kind
     id = folder.id
     other, flaws = examine(source, kind, id)
-    faults = [flaw for flaw in flaws if flaw.sort != "leftover"]
-    if faults or other is None:
-        raise WorkError(str(faults[0]) if faults else f"{folder.path} has disappeared.")
+    for flaw in flaws:
+        if flaw.sort != "leftover":
+            raise WorkError(str(flaw))
+    if other is None:
+        raise WorkError(f"{folder.path} has disappeared.")
 
     target = results.folder(kind, id)
     outcome: MergeOutcome = "copied"
@@ -135,8 +137,10 @@ def _merged(
 def _choose(mine: Record, other: Record) -> MergeOutcome:
     """Returns the outcome for a record that exists already; raises a WorkError if they conflict."""
     is_finished = mine.is_finished
-    if is_finished != other.is_finished:
-        return "kept" if is_finished else "replaced"
+    if is_finished and not other.is_finished:
+        return "kept"
+    if other.is_finished and not is_finished:
+        return "replaced"
     if mine.manifest.files == other.manifest.files:
         return "same"
 
@@ -146,11 +150,15 @@ def _choose(mine: Record, other: Record) -> MergeOutcome:
     difference = next(filter(None, (_difference(mine, other, table) for table in tables)), None)
     more = [other.rows(table) - mine.rows(table) for table in tables]
     if difference is None and is_finished:
-        difference = _other_files(mine, other) or ("another number of rows" if any(more) else None)
+        difference = _other_files(mine, other)
+        if difference is None and any(more):
+            difference = "another number of rows"
 
     if difference is None:
+        if is_finished:
+            return _with_policy(mine, other)
         if not any(more):
-            return _with_policy(mine, other) if is_finished else "same"
+            return "same"
         # Two states of the same work: the one with more rows is newer.
         if min(more) >= 0:
             return "replaced"
@@ -179,14 +187,18 @@ def _other_files(mine: Record, other: Record) -> str | None:
         if len(formats) > 1:
             return None
 
-    return f"in {', '.join(sorted(names))}" if names else None
+    if not names:
+        return None
+    return f"in {', '.join(sorted(names))}"
 
 
 def _with_policy(mine: Record, other: Record) -> MergeOutcome:
     """Returns the outcome for equal rows, of which one copy may lack the policy."""
     if has_policy(mine) == has_policy(other):
         return "same"
-    return "kept" if has_policy(mine) else "replaced"
+    if has_policy(mine):
+        return "kept"
+    return "replaced"
 
 
 def _difference(mine: Record, other: Record, table: str) -> str | None:

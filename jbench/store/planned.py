@@ -88,8 +88,12 @@ def planned(
 
 def say_changed(plans: Iterable[Planned[Any]], existing: Collection[str]) -> Iterator[str]:
     """Yields `sentences` for those plans whose records do not exist yet."""
-    new = [plan for plan in plans if plan.settings.id not in existing]
-    yield from sentences([*{c.record.id: c for plan in new for c in plan.changed}.values()])
+    changed = dict[str, Changed]()
+    for plan in plans:
+        if plan.settings.id not in existing:
+            changed |= {entry.record.id: entry for entry in plan.changed}
+
+    yield from sentences([*changed.values()])
 
 
 def sentences(changed: Sequence[Changed]) -> Iterator[str]:
@@ -153,7 +157,8 @@ def _configuration(settings: Settings, free: Collection[str]) -> str:
         for name, value in settings.values.items()
         if name not in (*free, *_CODE, "accepted")
     }
-    if isinstance(specs := values.get("specs"), Mapping):
+    specs = values.get("specs")
+    if isinstance(specs, Mapping):
         left_out = (*_CODE, *_ROBOT)
         values["specs"] = {name: value for name, value in specs.items() if name not in left_out}
 

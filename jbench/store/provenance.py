@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from jbench.cores import cores
 from jbench.revision import git_revision
+from jbench.wording import printable
 
 if TYPE_CHECKING:
     import torch
@@ -50,10 +51,8 @@ def provenance() -> dict[str, Any]:
         "cores": cores(),
         "threads": os.environ.get("OMP_NUM_THREADS"),
         "git_revision": git_revision(),
-        "command": [  # as a manifest allows it
-            "".join(c if c.isprintable() else "\ufffd" for c in word)
-            for word in (Path(sys.argv[0]).name, *sys.argv[1:])
-        ],
+        # As a manifest allows it.
+        "command": [printable(word) for word in (Path(sys.argv[0]).name, *sys.argv[1:])],
     }
 
 
@@ -97,13 +96,19 @@ def _driver() -> str | None:
 
 def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, list[Any]]:
     """Returns what may round numbers differently: [before, now] of each recorded change."""
-    packages = before.get("packages")
-    then = {**before, **(packages if isinstance(packages, Mapping) else {})}
+    recorded = {**before, **mapping(before.get("packages"))}
     return {
-        name: [then[name], value]
+        name: [recorded[name], value]
         for name, value in {**now, **now.get("packages", {})}.items()
-        if name in _DECISIVE and name in then and then[name] != value
+        if name in _DECISIVE and name in recorded and recorded[name] != value
     }
+
+
+def mapping(value: object) -> Mapping[str, Any]:
+    """Returns a mapping in provenance; {} in place of what another program wrote."""
+    if isinstance(value, Mapping):
+        return value
+    return {}
 
 
 def utc_now() -> str:
@@ -114,10 +119,13 @@ def utc_now() -> str:
 def describe_changes(changed: Mapping[str, Sequence[object]]) -> str:
     """Returns `differences` as a clause, such as `mujoco 3.17.0 is now 3.18.0`."""
     names = {"git_revision": "jbench's git revision"}
-    return ", ".join(
-        f"{names.get(name, name)} {'unknown' if before is None else before} is now {now}"
-        for name, (before, now) in changed.items()
-    )
+    clauses = []
+    for name, (before, now) in changed.items():
+        if before is None:
+            before = "unknown"
+        clauses.append(f"{names.get(name, name)} {before} is now {now}")
+
+    return ", ".join(clauses)
 
 
 def shell_command(recorded: Mapping[str, Any]) -> str:
@@ -144,7 +152,9 @@ def processor() -> str:
 def with_note(before: Mapping[str, Any], note: Mapping[str, Any]) -> dict[str, Any]:
     """Returns provenance with another note on where work was continued."""
     notes = before.get("continued")
-    return {**before, "continued": [*(notes if isinstance(notes, list) else []), note]}
+    if not isinstance(notes, list):
+        notes = []
+    return {**before, "continued": [*notes, note]}
 
 
 def with_more(before: Mapping[str, Any], facts: Mapping[str, Any]) -> dict[str, Any]:

@@ -5,6 +5,7 @@ import re
 import time
 from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from itertools import chain
 from typing import Any, NamedTuple
 
 import duckdb
@@ -71,8 +72,11 @@ def _notes_on_names(sql: str, tables: Mapping[str, pa.Table]) -> list[str]:
         if "representation" in table.column_names:
             recorded.update(filter(None, table["representation"].unique().to_pylist()))
 
+    if not recorded:
+        return []
+
     notes = []
-    for text in sorted(_representations_in(sql) - recorded if recorded else ()):
+    for text in sorted(_representations_in(sql) - recorded):
         unknown = f"No row has the representation '{text}'"
         meant = sorted(name for name in recorded if shown_representation(name) == text)
         if meant:
@@ -89,9 +93,8 @@ def _notes_on_names(sql: str, tables: Mapping[str, pa.Table]) -> list[str]:
 def _representations_in(sql: str) -> set[str]:
     """Returns the texts with which the SQL compares the column `representation`."""
     compared = (match["after"] or match["before"] for match in _REPRESENTATIONS.finditer(sql))
-    return {
-        text[1:-1].replace("''", "'") for texts in compared for text in re.findall(_TEXT, texts)
-    }
+    texts = chain.from_iterable(re.findall(_TEXT, each) for each in compared)
+    return {text[1:-1].replace("''", "'") for text in texts}
 
 
 def named_tables(sql: str) -> set[str]:

@@ -53,7 +53,8 @@ def read(directory: Path, entry: FileEntry, advice: str = "") -> bytes:
     reading it fails, perhaps temporarily.
     """
     with _opened(directory, entry, advice) as file:
-        _check_digest(files.sha256(content := file.read()), entry)
+        content = file.read()
+        _check_digest(files.sha256(content), entry)
         return content
 
 
@@ -62,7 +63,8 @@ def read_rows(
 ) -> pa.Table:
     """Returns columns, or all, of a file; see `read`. Columns that an old one lacks are null."""
     with _opened(directory, entry, advice) as file:
-        _check_digest(files.sha256(content := file.read()), entry)
+        content = file.read()
+        _check_digest(files.sha256(content), entry)
         source = pa.BufferReader(content)
         footer = pq.read_metadata(source)
         wanted = () if columns is None else columns
@@ -120,7 +122,8 @@ def _opened(directory: Path, entry: FileEntry, advice: str = "") -> Iterator[io.
     path = directory / entry.name
     try:
         with files.open_plain(path) as file:
-            if (size := os.fstat(file.fileno()).st_size) != entry.bytes:
+            size = os.fstat(file.fileno()).st_size
+            if size != entry.bytes:
                 raise ValueError(f"{size} bytes, not {entry.bytes}")
             yield file
     except (ValueError, OSError, pa.ArrowException) as error:
@@ -133,15 +136,14 @@ def _opened(directory: Path, entry: FileEntry, advice: str = "") -> Iterator[io.
 
 def to_table(frame: "pd.DataFrame", columns: pa.Schema) -> pa.Table:
     """Returns the rows of a frame as a table with these columns; those that it lacks are null."""
-    return pa.table(
-        [
-            pa.array(frame[field.name], field.type, from_pandas=True)
-            if field.name in frame
-            else pa.nulls(len(frame), field.type)
-            for field in columns
-        ],
-        schema=columns,
-    )
+    arrays = []
+    for field in columns:
+        if field.name in frame:
+            arrays.append(pa.array(frame[field.name], field.type, from_pandas=True))
+        else:
+            arrays.append(pa.nulls(len(frame), field.type))
+
+    return pa.table(arrays, schema=columns)
 
 
 def to_bytes(rows: pa.Table) -> bytes:

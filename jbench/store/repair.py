@@ -16,6 +16,7 @@ from jbench.store.database import Results
 from jbench.store.manifest import RecordKind
 from jbench.store.provenance import shell_command
 from jbench.store.quarantine import Quarantine
+from jbench.store.record import Folder
 from jbench.store.verify import Flaw, examine
 
 
@@ -52,20 +53,25 @@ def repair(results: Results, findings: Sequence[Flaw], dry_run: bool = False) ->
     return Repaired(list(quarantine.moved.items()), left, list(dict.fromkeys(commands)))
 
 
+def _without_writer(folder: Folder, dry_run: bool) -> contextlib.AbstractContextManager[object]:
+    """Returns a context in which no other process writes a folder; a HeldError if one does now."""
+    noun = f"the {folder.kind} {folder.id}"
+    if dry_run and locks.is_held(folder.path):
+        raise locks.HeldError(noun)
+    # Folders without a lock have no writer.
+    if dry_run or not os.path.lexists(folder.path / locks.LOCK):
+        return contextlib.nullcontext()
+
+    return locks.hold(folder.path, noun)
+
+
 def _repair_folder(
     results: Results, kind: RecordKind, id: str, quarantine: Quarantine
 ) -> list[str]:
     """Repairs a folder unless it is locked; returns the command that makes its record again."""
-    looked_at = results.found(kind, id)
-    dry_run = quarantine.dry_run
-    whose = f"the {kind} {id}"
-    looked_at.check()
-    if dry_run and locks.is_held(looked_at.path):
-        raise locks.HeldError(whose)
-
-    # Folders without a lock have no writer.
-    unlocked = dry_run or not os.path.lexists(looked_at.path / locks.LOCK)
-    with contextlib.nullcontext() if unlocked else locks.hold(looked_at.path, whose):
+    folder = results.found(kind, id)
+    folder.check()
+    with _without_writer(folder, quarantine.dry_run):
         record, flaws = examine(results, kind, id)
         for flaw in flaws:
             if flaw.sort == "foreign":
@@ -80,5 +86,8 @@ def _repair_folder(
 
     if record is None or not is_damaged:
         return []
+
     made = record.manifest.provenance
-    return [shell_command(made)] if isinstance(made.get("command"), list) else []
+    if not isinstance(made.get("command"), list):
+        return []
+    return [shell_command(made)]

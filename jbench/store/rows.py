@@ -56,7 +56,9 @@ def _converted(value: Any, field: pa.Field) -> Any:
     kinds: Any = {pa.string(): str, pa.int64(): int, pa.float64(): (int, float)}[field.type]
     if isinstance(value, bool) or not isinstance(value, kinds):
         raise TypeError(f"{field.name} is {value!r:.40}")
-    return float(value) if field.type == pa.float64() else value
+    if field.type == pa.float64():
+        return float(value)
+    return value
 
 
 def has_diverged(manifest: Manifest) -> bool:
@@ -111,7 +113,9 @@ def _columns_of_kind(record: Record) -> Row:
 
 def finite(row: Row) -> Row:
     """Returns a row with null for numbers that are not finite, which JSON does not have."""
-    return {
-        name: None if isinstance(value, float) and not math.isfinite(value) else value
-        for name, value in row.items()
-    }
+    finite_row = dict(row)
+    for name, value in row.items():
+        if isinstance(value, float) and not math.isfinite(value):
+            finite_row[name] = None
+
+    return finite_row

@@ -5,9 +5,10 @@ nothing, and does not disturb concurrent writers.
 """
 
 import contextlib
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime, timedelta
+from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,7 +16,7 @@ from jbench.settings.base import settings_hash
 from jbench.store import locks, record_files, schema
 from jbench.store.database import Results
 from jbench.store.files import DamagedError, RecordError, Sort
-from jbench.store.manifest import KINDS, MANIFEST, RecordKind
+from jbench.store.manifest import KINDS, MANIFEST, FileEntry, RecordKind
 from jbench.store.record import Folder, Record
 from jbench.store.rows import make_row
 from jbench.store.weights import has_other_encoder
@@ -70,7 +71,7 @@ def no_progress(total: int) -> contextlib.AbstractContextManager[Callable[[int],
 
 def verify(results: Results, threads: int, progress: ShowProgress = no_progress) -> Verified:
     """Checks a results directory; each thread checks a record, and the progress is in folders."""
-    walked = [folder for kind in KINDS for folder in results.walk(kind)]
+    walked = [*chain.from_iterable(map(results.walk, KINDS))]
     checked = []
     with progress(len(walked)) as show, ThreadPoolExecutor(threads) as pool:
         for outcome in pool.map(lambda folder: _check_beside_writers(results, folder), walked):
@@ -78,16 +79,19 @@ def verify(results: Results, threads: int, progress: ShowProgress = no_progress)
             show(len(checked))
 
     records = [record for record, _ in checked if record is not None]
-    intact = {(record.kind, record.id) for record in records} - {
-        (flaw.kind, flaw.id) for _, flaws in checked for flaw in flaws if flaw.sort == "damaged"
-    }
+    intact = {(record.kind, record.id) for record in records}
+    for flaw in chain.from_iterable(flaws for _, flaws in checked):
+        if flaw.sort == "damaged":
+            intact.discard((flaw.kind, flaw.id))
+
     findings = list[Flaw]()
     for record, flaws in checked:
         findings += flaws
         if record is not None:
             findings += _warnings(record, intact, results)
 
-    sizes = [entry.bytes for record in records for entry in record.manifest.files]
+    entries = chain.from_iterable(record.manifest.files for record in records)
+    sizes = [entry.bytes for entry in entries]
     left_out = sum(bool(record.left_out) for record in records)
     return Verified(len(records), len(sizes), sum(sizes), findings, left_out)
 
@@ -132,9 +136,8 @@ def _check(folder: Folder) -> tuple[Record | None, list[Flaw]]:
 
     if record is not None:
         for entry in record.manifest.files:
-            columns = None if record.manifest.is_old else schema.FILES.get(entry.table or "")
             try:
-                record_files.check(record.path, entry, () if columns is None else columns.names)
+                record_files.check(record.path, entry, _expected_columns(record, entry))
             except RecordError as error:
                 errors.append(error)
 
@@ -142,12 +145,24 @@ def _check(folder: Folder) -> tuple[Record | None, list[Flaw]]:
     id = folder.id
     flaws = [Flaw(error.sort, kind, id, error.path, error.problem) for error in errors]
     if record is not None or MANIFEST not in folder.names:
-        entries = () if record is None else record.manifest.files
-        named = {entry.name for entry in entries}
+        named = set[str]()
+        if record is not None:
+            named = {entry.name for entry in record.manifest.files}
+
         for name in sorted({*folder.names} - named - {MANIFEST, locks.LOCK}):
             flaws.append(Flaw("leftover", kind, id, folder.path / name, "is listed by no manifest"))
 
     return record, flaws
+
+
+def _expected_columns(record: Record, entry: FileEntry) -> Sequence[str]:
+    """Returns the columns that a file must have: none if it is no table, or an old one."""
+    columns = schema.FILES.get(entry.table or "")
+    if columns is None or record.manifest.is_old:
+        return ()
+
+    names: list[str] = columns.names
+    return names
 
 
 def _warnings(
@@ -176,11 +191,11 @@ def _missing_origin(record: Record, intact: Collection[tuple[RecordKind, str]]) 
 
 def _odd_dates(record: Record) -> Iterator[str]:
     """Yields a clause for each date of a manifest that is none, or is in the future."""
-    for what in ("created", "updated"):
-        date = getattr(record.manifest, what)
+    for event in ("created", "updated"):
+        date = getattr(record.manifest, event)
         try:
             # Clocks of different machines differ a little.
             if datetime.fromisoformat(date) > datetime.now(UTC) + timedelta(hours=1):
-                yield f"was {what} {date!r}: in the future, so that its clock or this one is wrong"
+                yield f"was {event} {date!r}: in the future, so that its clock or this one is wrong"
         except (ValueError, TypeError):
-            yield f"was {what} {date!r}: no date with a time zone"
+            yield f"was {event} {date!r}: no date with a time zone"

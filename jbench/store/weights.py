@@ -41,9 +41,14 @@ def weights_checksum(encoder: Record) -> str | None:
 
 def encoder_weights(encoders: Results, id: str | None) -> dict[str, str]:
     """Returns what the provenance of a run says of its encoder; {} without an encoder."""
-    record = None if id is None else encoders.find_readable("encoder", id)
-    checksum = None if record is None else weights_checksum(record)
-    return {} if checksum is None else {ENCODER_WEIGHTS: checksum}
+    encoder = encoders.find_readable("encoder", id)
+    if encoder is None:
+        return {}
+
+    checksum = weights_checksum(encoder)
+    if checksum is None:
+        return {}
+    return {ENCODER_WEIGHTS: checksum}
 
 
 def has_other_encoder(run: Record, encoders: Results) -> bool:

@@ -76,7 +76,10 @@ class Beginnings:
         """
         check_run_code(run, record, self._made_on)
         shorter = kept_runs(run, self._results)
-        sources = shorter if record is None else [record, *shorter]
+        sources = [*shorter]
+        if record is not None:
+            sources.insert(0, record)
+
         source, refused = self._find(run, record, sources)
         if source is not None:
             return self._resume(run, encoder, source, refused)

@@ -91,12 +91,20 @@ def save(
 
     roles = record.roles()
     states = [role for role in roles if CHECKPOINT.fullmatch(role)]
-    ended = set(roles) if only else set(states[:-1])  # two are kept
+    ended = set(states[:-1])  # two are kept
+    if only:
+        ended = set(roles)
+
     files: dict[str, bytes] = {}
     row = 0
-    if (replay := trainer.replay) is not None:
+    replay = trainer.replay
+    if replay is not None:
         row = replay.row
-        piece = first_piece(replay, index) if only else next_piece(replay, index, roles)
+        if only:
+            piece = first_piece(replay, index)
+        else:
+            piece = next_piece(replay, index, roles)
+
         files |= piece.files
         ended |= set(piece.ended)
 
@@ -211,13 +219,16 @@ def _state_file(checkpoint: Checkpoint, run: str) -> dict[str, bytes]:
     state = checkpoint.state
     tensors = dict(state.tensors)
     about: dict[str, Any] = {"format": FORMAT}
-    if (compact := checkpoint.compact) is not None:
+    left_out: set[str] | None = {"compact"}  # older versions refuse fields that they do not know
+    compact = checkpoint.compact
+    if compact is not None:
         about = {"format": COMPACT_FORMAT, "compact": compact.header}
+        left_out = None
         tensors[_COMPACT_ACTIONS] = compact.actions
         tensors[_COMPACT_ROWS] = compact.before
+
     envelope = _Envelope(run=run, position=position, scalars=state.scalars, **about)
-    # Older versions refuse fields that they do not know.
-    printed = envelope.model_dump_json(exclude=None if compact else {"compact"})
+    printed = envelope.model_dump_json(exclude=left_out)
     tensors[_ENVELOPE] = torch.frombuffer(bytearray(printed.encode()), dtype=torch.uint8)
     role = checkpoint_role(position.control_steps, checkpoint.replay_row)
     return {role: safetensors.torch.save(tensors)}

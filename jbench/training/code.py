@@ -37,8 +37,9 @@ def run_code(run: RunSettings | ExternalSettings, encoders: Results) -> dict[str
 
     The training loop of a recorded run is not known.
     """
-    algorithm = algorithm_provenance(run.algo) if isinstance(run, RunSettings) else {}
-    return {**algorithm, **acting_code(run, encoders)}
+    if not isinstance(run, RunSettings):
+        return acting_code(run, encoders)
+    return {**algorithm_provenance(run.algo), **acting_code(run, encoders)}
 
 
 def acting_code(run: RunSettings | ExternalSettings, encoders: Results) -> dict[str, Any]:
@@ -65,7 +66,10 @@ def plan_runs(
     folder = first.id.rpartition("/")[0]
     records, _ = results.scan("run", f"{folder}/")
     existing = {record.id for record in records}
-    free = COMPARED if first.encoder_draws is None else (*COMPARED, "encoder")
+    free = [*COMPARED]
+    if first.encoder_draws is not None:
+        free.append("encoder")
+
     chosen = list[RunSettings]()
     left_alone = list[Changed]()
     others = dict[str, Changed]()
@@ -116,7 +120,7 @@ def check_run_code(run: RunSettings, record: Record | None, now: Code) -> None:
 
 def _on_data_of_other_code(run: RunSettings, results: Results) -> list[str]:
     """Returns a sentence if the encoder of a run was trained on data of other code of its task."""
-    encoder = None if run.encoder is None else results.find_readable("encoder", run.encoder)
+    encoder = results.find_readable("encoder", run.encoder)
     if encoder is None:
         return []
     dataset = results.find_readable("dataset", str(encoder.settings.get("dataset")))
@@ -133,7 +137,7 @@ def _on_data_of_other_code(run: RunSettings, results: Results) -> list[str]:
 
 def _encoder_has_changed(run: RunSettings, results: Results) -> bool:
     """Returns whether the code of the kind of a run's encoder has changed since its training."""
-    record = None if run.encoder is None else results.find_readable("encoder", run.encoder)
+    record = results.find_readable("encoder", run.encoder)
     if record is None:
         return False
     return bool(changed_files(record.manifest.provenance, present_code(record)))

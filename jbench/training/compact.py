@@ -104,10 +104,12 @@ def computed_again(
             torch.stack([replay.actions for replay in kept], dim=1).numpy(),
         )
         rows = [engine.replay.rows_since(seed) for seed in range(len(kept))]
-    return [
-        made if _checksum(made) == replay.header.sha256 else None
-        for made, replay in zip(rows, kept, strict=True)
-    ]
+    same: list[Tensor | None] = [*rows]
+    for index, replay in enumerate(kept):
+        if _checksum(rows[index]) != replay.header.sha256:
+            same[index] = None
+
+    return same
 
 
 def can_share(one: CompactReplay, other: CompactReplay) -> bool:

@@ -31,22 +31,26 @@ def kept_runs(run: RunSettings, results: Results, *free: str) -> list[Record]:
         before = results.find_readable("run", run.id)
         if before is not None:
             origins.append(before)
-    shorter = shorter_runs(run, results, *free) if run.robots == 1 else []
-    return [record for record in (*origins, *shorter) if record.roles()]
+    if run.robots == 1:
+        origins += shorter_runs(run, results, *free)
+    return [record for record in origins if record.roles()]
 
 
 def shorter_runs(run: RunSettings, results: Results, *free: str) -> list[Record]:
     """Returns finished runs with fewer steps, longest first; they may differ in `free`, too."""
     same = {name: getattr(run, name) for name in ("steps", *free)}
     records, _ = results.scan("run", f"{run.id.rpartition('-')[0]}-")
-    shorter = [
-        record
-        for record in records
-        if record.is_finished
-        and isinstance(other := read_run(record.settings), RunSettings)
-        and other.steps < run.steps
-        and other.model_copy(update=same) == run
-    ]
+    shorter = []
+    for record in records:
+        if not record.is_finished:
+            continue
+
+        other = read_run(record.settings)
+        if not isinstance(other, RunSettings) or other.steps >= run.steps:
+            continue
+        if other.model_copy(update=same) == run:
+            shorter.append(record)
+
     return sorted(shorter, key=lambda record: -record.settings["steps"])
 
 
@@ -54,11 +58,10 @@ def new_beginnings(runs: Iterable[RunSettings], results: Results) -> Iterator[st
     """Yields sentences on new runs that can't continue the shorter ones that are finished."""
     counts = Counter(filter(None, (_new_beginning(run, results) for run in runs)))
     for (steps, reason), count in counts.items():
+        clause = f"{count:,} runs train from the beginning, not from the end of finished runs"
         if count == 1:
-            what = "1 run trains from the beginning, not from the end of a finished run"
-        else:
-            what = f"{count:,} runs train from the beginning, not from the end of finished runs"
-        yield f"{what} of {steps:,} control steps: {reason}."
+            clause = "1 run trains from the beginning, not from the end of a finished run"
+        yield f"{clause} of {steps:,} control steps: {reason}."
 
 
 def _new_beginning(run: RunSettings, results: Results) -> tuple[int, str] | None:
@@ -84,16 +87,26 @@ def _new_beginning(run: RunSettings, results: Results) -> tuple[int, str] | None
 
 def check_state_can_be_kept(runs: Iterable[RunSettings], keep: KeepState = "whole") -> None:
     """Raises a RequestError if no longer run could continue one of these runs."""
-    option = "--keep-compact-state" if keep == "compact" else "--keep-state"
+    option = "--keep-state"
+    if keep == "compact":
+        option = "--keep-compact-state"
+
     for run in runs:
         refused = f"A finished run of {run.algo} can't be continued"
-        if (reason := obstacle(run)) is not None:
+        reason = obstacle(run)
+        if reason is not None:
             raise RequestError(f"{refused}: {reason}; leave {option} out.")
-        if (reason := _end_within_episode(run)) is not None:
+
+        reason = _end_within_episode(run)
+        if reason is not None:
             enough = math.lcm(_distance_of_ends(run), run.rollout)
             steps = -(-run.steps // enough) * enough  # rounded up
             raise RequestError(f"{refused}: {reason}; type --steps {steps}, or leave {option} out.")
-        if keep == "compact" and (reason := _compact_obstacle(run)) is not None:
+
+        reason = None
+        if keep == "compact":
+            reason = _compact_obstacle(run)
+        if reason is not None:
             raise RequestError(
                 f"A run of {run.algo} has no compact state: {reason}; type --keep-state."
             )
@@ -140,6 +153,8 @@ def obstacle(run: RunSettings, finished: bool = True) -> str | None:
         return "stable-baselines3 has no checkpoints here"
     if run.engine != "plugin":
         return None
+
     kind = find_class(run.algo)
-    resumable = issubclass(kind, Agent) and is_resumable(kind)
-    return None if resumable else f"the agent {run.algo} has no state and restore"
+    if issubclass(kind, Agent) and is_resumable(kind):
+        return None
+    return f"the agent {run.algo} has no state and restore"

@@ -29,24 +29,31 @@ def load_run_encoder(
     id: str | None, results: Results, accept_changed: bool = False
 ) -> Encoder | None:
     """Returns the encoder of a run, or None for the full observation; see `load_encoder`."""
-    return None if id is None else load_encoder(results, id, accept_changed).encoder
+    if id is None:
+        return None
+    return load_encoder(results, id, accept_changed).encoder
 
 
 def make_env(
     settings: RunSettings | ExternalSettings, encoder: Encoder | None, robot: int = 0
 ) -> gymnasium.Env[Any, Any]:
     """Returns an environment with the wrappers of a run, and its robot with the given index."""
-    augment = settings.augment
+    options = {}
+    if settings.augment is not None:
+        options["augment"] = settings.augment + robot
+
     env: gymnasium.Env[Any, Any] = gymnasium.make(
-        environment_id(settings.task, augmented=augment is not None),
+        environment_id(settings.task, augmented="augment" in options),
         max_episode_steps=settings.episode_steps,
         disable_env_checker=True,
-        **({} if augment is None else {"augment": augment + robot}),
+        **options,
     )
     env = gymnasium.wrappers.RecordEpisodeStatistics(env, buffer_length=1)
     if settings.time_limit == "terminal":
         env = TerminalTimeLimit(env)
-    return env if encoder is None else EncodedObservation(env, encoder)
+    if encoder is not None:
+        env = EncodedObservation(env, encoder)
+    return env
 
 
 class TerminalTimeLimit(gymnasium.Wrapper[Any, Any, Any, Any]):
@@ -132,7 +139,9 @@ def evaluate_policies(
     if not block:
         return [Evaluation(np.zeros(0), np.zeros(0, np.int64), None) for _ in seeds]
 
-    episodes = block if episodes is None else episodes
+    if episodes is None:
+        episodes = block
+
     generators = [episode_generator(seed, number) for seed in seeds]
     task = find_task(settings.task)
     augment = settings.augment
@@ -187,7 +196,11 @@ def _evaluations(
 ) -> list[Evaluation]:
     """Returns one evaluation for each generator, of episodes that are simulated side by side."""
     total = np.zeros(len(generators) * episodes)
-    seen = worlds.reset([generator for generator in generators for _ in range(episodes)])
+    of_each_world = []
+    for generator in generators:
+        of_each_world += [generator] * episodes
+
+    seen = worlds.reset(of_each_world)
     points = [worlds.points()]
     for step, transition in enumerate(rollout(worlds, seen, act), 1):
         total += transition.rewards
@@ -198,12 +211,19 @@ def _evaluations(
     lengths = np.broadcast_to(worlds.lengths(), len(total))
     evaluations = []
     for first in range(0, len(total), episodes):
-        here = [point[first] for point in points if point is not None]
-        target = {name: float(numbers[first]) for name, numbers in targets.items()}
-        path = RobotPath(np.stack(here), target) if here else None
-        stopped = [number for number in worlds.failures if number in range(first, first + episodes)]
-        failure = worlds.failures[stopped[0]] if stopped else None
+        path = None
+        of_first_robot = [point[first] for point in points if point is not None]
+        if of_first_robot:
+            target = {name: float(numbers[first]) for name, numbers in targets.items()}
+            path = RobotPath(np.stack(of_first_robot), target)
+
+        failures = [
+            failure
+            for number, failure in worlds.failures.items()
+            if number in range(first, first + episodes)
+        ]
         mine = slice(first, first + episodes)
+        failure = next(iter(failures), None)
         evaluations.append(Evaluation(total[mine], lengths[mine], path, failure))
 
     return evaluations

@@ -29,15 +29,17 @@ class Resumed:
     @property
     def sentence(self) -> str:
         """The sentence that says at which control step the run continues."""
-        at = self.control_steps
-        if not self.continues:
-            how = "was interrupted or failed; it " + ("resumes at" if at else "starts again from")
-        elif at:
-            how = f"continues {self.continues} from"
+        step = f"control step {self.control_steps:,}"
+        if self.continues and self.control_steps:
+            clause = f"continues {self.continues} from {step}"
+        elif self.continues:
+            clause = f"can't continue {self.continues}; it trains from the beginning"
+        elif self.control_steps:
+            clause = f"was interrupted or failed; it resumes at {step}"
         else:
-            how = f"can't continue {self.continues}; it trains from"
-        where = f"control step {at:,}" if at else "the beginning"
-        return f"The run {self.run} {how} {where}. {self.text}".rstrip()
+            clause = "was interrupted or failed; it starts again from the beginning"
+
+        return f"The run {self.run} {clause}. {self.text}".rstrip()
 
 
 @dataclass(frozen=True)

@@ -77,7 +77,9 @@ class TrainingGroup:
         if ends is not None and self._active():
             with part("rows"):
                 self._note_episodes(ends)
-        if not (active := self._active()):
+
+        active = self._active()
+        if not active:
             return False
         if active[0][1].log.is_evaluation_due(self._settings.evaluate_every, steps):
             self._evaluate()
@@ -112,9 +114,10 @@ class TrainingGroup:
         self._note_episodes(ends)
         control_steps = self._engine.control_steps
         for index, member in self._active():
-            if count := int(ends.ended[index].sum()):
-                where = {"control_steps": control_steps, "episodes": count}
-                member.record.note({"truncated": where})
+            count = int(ends.ended[index].sum())
+            if count:
+                truncated = {"control_steps": control_steps, "episodes": count}
+                member.record.note({"truncated": truncated})
                 sentence = (
                     f"The run {member.settings.id}: {counted(count, 'episode')} did not repeat "
                     "from the seed and the actions so far, and ended by truncation at control "

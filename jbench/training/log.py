@@ -54,12 +54,14 @@ class RunLog:
 
     def summary(self, control_steps: int, *, evaluated: bool) -> dict[str, Any]:
         """Returns the entries of a manifest; `evaluated`: the kept policy is the last evaluated."""
-        return {
+        entries = {
             "wall_time": self._wall_time(),
             "processor_time": self.progress.processor_time,
             "steps_done": control_steps,
-            **({POLICY_EVALUATION: self.progress.evaluations - 1} if evaluated else {}),
         }
+        if evaluated:
+            entries[POLICY_EVALUATION] = self.progress.evaluations - 1
+        return entries
 
     def position(self, control_steps: int) -> Position:
         """Returns the progress at a control step."""
@@ -134,7 +136,8 @@ class RunLog:
 
     def add_processor_time(self, seconds: float) -> None:
         """Adds processor time to that of the run, if that is known."""
-        if (before := self.progress.processor_time) is not None:
+        before = self.progress.processor_time
+        if before is not None:
             self._advance(processor_time=before + seconds)
 
     def metrics(self, control_steps: int, values: Mapping[str, float]) -> None:
@@ -235,5 +238,6 @@ class CommitTimer:
         began = time.perf_counter()
         yield
         now = time.perf_counter()
-        wait = max(self._every, (now - began) / _MAX_COMMIT_SHARE) if self._every else 0.0
-        self._next = now + wait
+        self._next = now
+        if self._every:
+            self._next += max(self._every, (now - began) / _MAX_COMMIT_SHARE)

@@ -19,6 +19,7 @@ from jbench.store.code import (
     with_data_read,
 )
 from jbench.store.manifest import RecordKind
+from jbench.store.provenance import mapping
 
 _TASKS = {"dataset": "robot", "run": "task", "evaluation": "task"}
 """The setting that names the task, by kind of record."""
@@ -80,16 +81,15 @@ def _at_hand(record: Record, encoders: Mapping[str, Record]) -> dict[str, Any]:
     settings = record.settings
     found = dict[str, Any]()
     task = str(settings.get(_TASKS.get(record.kind, "")))
-    files = record.manifest.provenance.get("task_sources")
-    recorded = files if isinstance(files, Mapping) else {}
+    recorded = mapping(record.manifest.provenance.get("task_sources"))
     for key, value in find.files_at_hand(task, recorded).items():
         found[f"task_{key}"] = value
 
     if record.kind == "run":
         found |= plugins.files_at_hand(str(settings.get("algo")), installed())
         encoder = encoders.get(str(settings.get("encoder")))
-        for key, value in _kind_at_hand(encoder).items() if encoder else ():
-            found[f"encoder_{key}"] = value
+        if encoder is not None:
+            found |= {f"encoder_{key}": value for key, value in _kind_at_hand(encoder).items()}
     elif record.kind == "encoder":
         found |= _kind_at_hand(record)
     elif record.kind == "evaluation":

@@ -56,7 +56,8 @@ class RecomputedRows:
 
         None if its state is not compact. Raises an OtherRowsError if they are not those of the run.
         """
-        if (replay := checkpoint.compact) is None:
+        replay = checkpoint.compact
+        if replay is None:
             return None
         if source.id not in self._rows:
             self._compute(run, [_Kept(source, replay), *self._others(source, replay)])
@@ -99,4 +100,6 @@ class RecomputedRows:
 
 def noted(rows: Tensor | None) -> dict[str, int]:
     """Returns what a record notes of rows that were computed again, where it is continued."""
-    return {} if rows is None else {RECOMPUTED: rows.shape[1]}
+    if rows is None:
+        return {}
+    return {RECOMPUTED: rows.shape[1]}

@@ -43,7 +43,7 @@ class NewPiece(NamedTuple):
 
 def pieces_among(roles: Sequence[str]) -> list[Piece]:
     """Returns the pieces among the files of a record, in the order of their rows."""
-    matches = [match for role in roles if (match := _ROLE.fullmatch(role))]
+    matches = filter(None, map(_ROLE.fullmatch, roles))
     return sorted(Piece(int(match[1]), int(match[2])) for match in matches)
 
 
@@ -74,7 +74,11 @@ def next_piece(replay: ReplayBuffer, index: int, roles: Sequence[str]) -> NewPie
         # A piece that begins before the oldest row in the buffer stays as it is.
         joined = [piece for piece in pieces if piece.first >= replay.oldest]
 
-    first = joined[0].first if joined else max([replay.oldest, *(piece.end for piece in pieces)])
+    if joined:
+        first = joined[0].first
+    else:
+        first = max([replay.oldest, *(piece.end for piece in pieces)])
+
     piece = Piece(first, replay.row)
     file = piece_file(piece, replay.rows_since(index, first))
 
@@ -110,5 +114,6 @@ def read_tensors(record: Record, role: str) -> dict[str, Tensor]:
 
 def _previous_row(roles: Sequence[str], row: int) -> int:
     """Returns the row at which the newest checkpoint of a record was made; `row` without one."""
-    matches = [match for role in roles if (match := CHECKPOINT.fullmatch(role))]
-    return int(matches[-1][2]) if matches else row
+    for match in filter(None, map(CHECKPOINT.fullmatch, reversed(roles))):
+        return int(match[2])
+    return row

@@ -56,8 +56,10 @@ def request_runs(
     algorithm_changes: dict[str, Any] = {}
     feature_changes: dict[str, Any] = {}
     for name, value in overrides.items():
-        changes = feature_changes if name.startswith(_PREFIX) else algorithm_changes
-        changes[name.removeprefix(_PREFIX)] = value
+        if name.startswith(_PREFIX):
+            feature_changes[name.removeprefix(_PREFIX)] = value
+        else:
+            algorithm_changes[name] = value
 
     encoders: Mapping[int, str] | None = None
     ofe = requested_ofe(encoder, feature_changes)
@@ -117,11 +119,17 @@ def make_runs(
     length = runs[0].episode_steps
     min_steps = length * count
     if steps < min_steps:
-        where = f" in each of {count} environments" if count > 1 else ""
-        ends = "is sure to end" if find_task(runs[0].task).ends_early else "would end"
+        needed = f"{length}"
+        if count > 1:
+            needed += f" in each of {count} environments"
+
+        verb = "would end"
+        if find_task(runs[0].task).ends_early:
+            verb = "is sure to end"
+
         raise RequestError(
-            f"No episode of {runs[0].algo} {ends} in {steps} control steps: it takes "
-            f"{length}{where}; type {min_steps} or more."
+            f"No episode of {runs[0].algo} {verb} in {steps} control steps: it takes "
+            f"{needed}; type {min_steps} or more."
         )
 
     _check_agent(runs[0])

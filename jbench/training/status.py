@@ -74,24 +74,31 @@ def sentences(statuses: Mapping[str, RunStatus], retry_failed: bool) -> Iterator
 
     if finished:
         count = len(finished)
-        which = f"{count} of {counted(total, 'run')} {are(count)}"
-        subject = f"The run {finished[0]} is" if total == 1 else which
-        rest = "; nothing to do" if count == total else ""
-        yield f"{subject} already finished{rest}."
+        clause = f"{count} of {counted(total, 'run')} {are(count)} already finished"
+        if total == 1:
+            clause = f"The run {finished[0]} is already finished"
+        if count == total:
+            clause += "; nothing to do"
+        yield f"{clause}."
     if unfinished:
         count = len(unfinished)
-        which = f"{counted(count, 'run')} {are(count)}"
-        yield f"{which} unfinished: interrupted, or another process is training."
+        subject = f"{counted(count, 'run')} {are(count)}"
+        yield f"{subject} unfinished: interrupted, or another process is training."
 
     for id, error in failed.items():
         yield f"The run {id} failed before: {error}"
     certain = sum(statuses[id].fails_again for id in failed)
     if certain:
-        which = f"{counted(certain, 'run')} of these would fail again"
-        yield f"{which}: the same numbers, code and machine make the same error."
-    if others := len(failed) - certain:
-        how = "trying again" if retry_failed else "--retry-failed tries again"
-        yield f"{counted(others, 'run')} failed before; {how}."
+        clause = f"{counted(certain, 'run')} of these would fail again"
+        yield f"{clause}: the same numbers, code and machine make the same error."
+
+    others = counted(len(failed) - certain, "run")
+    if len(failed) == certain:
+        return
+    if retry_failed:
+        yield f"{others} failed before; trying again."
+    else:
+        yield f"{others} failed before; --retry-failed tries again."
 
 
 def record_failure(run: RunSettings, results: Results, reason: str) -> None:

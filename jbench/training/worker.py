@@ -76,10 +76,13 @@ def _ended(run: "RunSettings", results: "Results", failure: Exception | None) ->
     # After these, the run itself has not failed.
     if not isinstance(failure, ChangedCodeError | NoRoomError | OtherRowsError):
         record_failure(run, results, reason)
-    # A sentence of jbench needs no traceback, but that of its cause.
-    error = failure.__cause__ if isinstance(failure, RequestError | WorkError) else failure
-    lines = [] if error is None else traceback.format_exception(error)
-    return Failed(run.id, reason, "".join(lines).rstrip())
+
+    error: BaseException | None = failure
+    if isinstance(failure, RequestError | WorkError):
+        error = failure.__cause__  # a sentence of jbench needs no traceback of its own
+    if error is None:
+        return Failed(run.id, reason, "")
+    return Failed(run.id, reason, "".join(traceback.format_exception(error)).rstrip())
 
 
 def _end_with_parent() -> None:

@@ -34,12 +34,16 @@ def display_name(algo: str) -> str:
     """
     if algo in ALGORITHMS:
         return algo.upper()
-    return f"{algo} (label)" if algo in map(str.upper, ALGORITHMS) else algo
+    if algo in map(str.upper, ALGORITHMS):
+        return f"{algo} (label)"
+    return algo
 
 
 def default_time_limit(base: Base | None) -> TimeLimit:
     """Returns what the time limit of an episode is if no other one is typed."""
-    return "bootstrap" if base is None else TIME_LIMITS.get(base, "bootstrap")
+    if base is None:
+        return "bootstrap"
+    return TIME_LIMITS.get(base, "bootstrap")
 
 
 def default_base(task: str, base: Base | None = None) -> Base:

@@ -107,7 +107,9 @@ class PPOSettings(AlgorithmSettings):
     def measurement(self, environments: int, device: str, updates: int) -> Measurement:
         """See `AlgorithmSettings.measurement`: a whole rollout, on a GPU the second one."""
         rollout = self.rollout(environments)
-        return Measurement({}, 0 if device == "cpu" else rollout, rollout)
+        if device == "cpu":
+            return Measurement({}, 0, rollout)
+        return Measurement({}, rollout, rollout)
 
     def rollout_steps(self, environments: int) -> int:
         """Returns the control steps of each environment between updates, `n_steps` if `n_envs`."""

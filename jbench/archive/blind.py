@@ -46,7 +46,10 @@ _ID_COLUMNS = ("run", "encoder", "dataset", "evaluation_id")
 
 
 class Verbatim:
-    """Leaves records as they are, in an archive with names."""
+    """Leaves records as they are, in an archive with names.
+
+    `words` are those that must not be in the archive.
+    """
 
     words: Set[str] = frozenset()
 
@@ -78,7 +81,7 @@ class Blinder(Verbatim):
     were replaced.
     """
 
-    words: set[str]
+    words: set[str] = field(default_factory=set)
     _numbers: dict[str, dict[str, str]] = field(default_factory=dict)
     _ids: dict[str, str] = field(default_factory=dict)
 

@@ -99,11 +99,11 @@ def acting(actor: Actor, action_size: int) -> Iterator[Act]:
                 module.training = mode
 
 
-def _shape_in_words(answer: object) -> str:
+def _shape_in_words(answer: Any) -> str:
     """Returns what an actor has returned, for a message: its shape, or that it is a tuple."""
     if isinstance(answer, tuple):
         return "a tuple"
-    return f"the shape {np.shape(answer)}"  # type: ignore[arg-type]
+    return f"the shape {np.shape(answer)}"
 
 
 def _function(actor: Actor) -> Callable[[NDArray[np.float32]], Any]:

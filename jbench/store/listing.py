@@ -91,7 +91,7 @@ def _with_variants_in_words(
 
     dates = code_dates((read_run(record.settings), record.manifest.created) for record in records)
     has_encoders = any(record.settings.get("encoder") for record in records)
-    trained = []
+    trained = list[Record]()
     if has_encoders:
         trained, _ = results.scan("encoder")
 

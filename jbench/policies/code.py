@@ -62,7 +62,9 @@ def policy_code(name: str) -> str | None:
     if is_sb3_zip(name):
         return sha256(zip_content(name))[:16]
     made_with = policy_provenance(name)
-    checksum = made_with.get("source_sha256")
+    checksum: str | None = made_with.get("source_sha256")
     if checksum:
         return checksum[:16]
-    return made_with.get("package")
+
+    package: str | None = made_with.get("package")
+    return package

@@ -116,6 +116,11 @@ def complete_encoders(context: Context, incomplete: str) -> list[str]:
     return ["none", *representations]
 
 
+def complete_datasets(context: Context) -> list[str]:
+    """Offers the ids of the datasets in --results."""
+    return _ids(_typed(context), "dataset")
+
+
 def _directories(incomplete: str) -> list[str]:
     """Returns what completes the name of a results directory."""
     directories = (name for name in glob(f"{escape(incomplete)}*") if Path(name).is_dir())
@@ -242,7 +247,7 @@ AUGMENT = whole_number(
 DATASET = Option(
     None,
     help="Id of the dataset (default: newest).",
-    autocompletion=lambda ctx: _ids(ctx, "dataset"),
+    autocompletion=complete_datasets,
 )
 some_task = partial(Option, autocompletion=complete_tasks)
 _task = partial(

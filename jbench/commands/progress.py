@@ -163,7 +163,7 @@ class LastReturns(NamedTuple):
 
 def sparkline(returns: Sequence[float], highest: float, lowest: float = 0.0) -> str:
     """Returns means of consecutive episode returns as bars, between two returns."""
-    if not returns:
+    if len(returns) == 0:  # of a list or an array
         return ""
 
     span = (highest - lowest) or 1.0

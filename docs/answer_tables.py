@@ -277,16 +277,23 @@ def holm(p_values: list[float]) -> list[float]:
 
 
 def main_table(numbers: ShippedNumbers, shown: tuple[Shown, ...], first_column: str) -> str:
-    """Returns the table of TD3's final returns on two tasks, with the differences from `full`."""
+    """Returns the table of TD3's final returns on two tasks.
+
+    Beside them are the differences from `full`, at the end and over the run.
+    """
+    easier, harder = TASKS
     lines = [
-        f"| {first_column} | `{TASKS[0]}` | difference | `{TASKS[1]}` | difference |",
-        "|---|---|---|---|---|",
+        f"| {first_column} | `{easier}` | difference at the end | difference over the run "
+        f"| `{harder}` | difference at the end | difference over the run |",
+        "|---|---|---|---|---|---|---|",
     ]
     for row in shown:
         cells = []
         for task in TASKS:
+            pair = Pair("TD3", task, row.name, "full")
             cells.append(numbers.final_return(task, row.name))
-            cells.append(numbers.difference(Pair("TD3", task, row.name, "full")))
+            cells.append(numbers.difference(pair))
+            cells.append(numbers.difference(pair, "over_run"))
         lines.append(f"| {row.words} | {' | '.join(cells)} |")
 
     for words, policy in (
@@ -295,7 +302,7 @@ def main_table(numbers: ShippedNumbers, shown: tuple[Shown, ...], first_column: 
     ):
         first = numbers.mean_of_policy(TASKS[0], policy)
         second = numbers.mean_of_policy(TASKS[1], policy)
-        lines.append(f"| {words} | {first} |  | {second} |  |")
+        lines.append(f"| {words} | {first} |  |  | {second} |  |  |")
     return "\n".join(lines)
 
 

@@ -41,12 +41,18 @@ class Clip(NamedTuple):
 GALLERY = (
     Clip("move_from_origin", "heuristic", "hand-written", 0, 250),
     Clip(
-        *("face_direction", "reference/face_direction/td3/planar12/s06-690af48a"),
-        *("TD3 on planar", 0, 250),
+        "face_direction",
+        "reference/face_direction/td3/planar12/s06-690af48a",
+        "TD3 on planar",
+        0,
+        250,
     ),
     Clip(
-        *("move_in_direction", "reference/move_in_direction/td3/planar12/s06-cc9bd006"),
-        *("TD3 on planar", 6, 250),
+        "move_in_direction",
+        "reference/move_in_direction/td3/planar12/s06-cc9bd006",
+        "TD3 on planar",
+        6,
+        250,
     ),
     Clip("move_to_position", "heuristic", "hand-written", 7, 250),
     Clip("move_to_pose", "heuristic", "hand-written", 3, 400),

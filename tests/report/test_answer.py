@@ -155,19 +155,33 @@ def test_main_table(returns, page, heading, count):
     rows = table(page, heading)
     for first, *cells in rows[:count]:
         name = re.search(r"\(([\w, =-]+)\)", first.replace("`", ""))[1]
-        for task, value, effect in zip(TASKS, cells[::2], cells[1::2], strict=True):
+        for task, (value, at_end, over_run) in zip(TASKS, (cells[:3], cells[3:]), strict=True):
             if ("evaluation", "td3", task, name) not in returns:
-                assert (value, effect) == ("", "")
+                assert (value, at_end, over_run) == ("", "", "")
                 continue
-            final, full = (returns["evaluation", "td3", task, n].final for n in (name, "full"))
-            assert len(final) == 10
-            assert value == f"{iqm(final):.0f}"
+            ours, full = (returns["evaluation", "td3", task, n] for n in (name, "full"))
+            assert len(ours.final) == 10
+            assert value == f"{iqm(ours.final):.0f}"
             if name == "full":
-                assert effect == ""
+                assert (at_end, over_run) == ("", "")
             else:
-                assert_agrees(effect, iqm, final, full)
+                assert_agrees(at_end, iqm, ours.final, full.final)
+                assert_agrees(over_run, iqm, ours.area, full.area)
     for row, policy in zip(rows[count:], (RANDOM, HAND_WRITTEN), strict=True):
-        assert row[1::2] == [f"{policies[policy, task]:.0f}" for task in TASKS]
+        assert row[1::3] == [f"{policies[policy, task]:.0f}" for task in TASKS]
+
+
+def test_episodes_of_final_returns():
+    """Agents of which no policy was kept have ten episodes, as the page on the answer says."""
+    rows = chosen_from(shipped().seeds, algo="TD3", returns="evaluation")
+    rows = rows[rows["words"].isin(["", "mirror=true"]) & rows["task"].isin(TASKS)]
+    in_all = {*ALONE, "heading", "planar-no-yaw"}
+    for (task, name, _), episodes in rows.groupby(["task", "representation", "words"])["episodes"]:
+        if name in in_all or (task, name) == (TASKS[0], "planar-mirror"):
+            assert {*episodes} == {100}
+        else:
+            assert sorted(episodes) == [10] * 9 + [100]
+    assert "elsewhere, it is that of 10 episodes in nine of ten agents." in text_of("answer")
 
 
 def test_sentences_that_compare_agents_with_policies_without_training(returns):
@@ -291,7 +305,9 @@ def test_verdicts_on_the_papers_claims(returns):
     ends = f"{similarity.corrected_low:+.0f} to {similarity.corrected_high:+.0f}"
     assert similar[2] == f"not decided: {ends}"
     assert variable[2] == "not decided"
-    assert faster[2] == "supported: they learn faster; not decided by training returns"
+    assert faster[2] == (
+        "supported: they learn faster; not decided by training returns, or compared with `full"
+    )
 
 
 def test_verdicts_on_training_returns():
@@ -586,6 +602,12 @@ def test_comparisons_of_the_agents_of_figure_7():
     found = f"{by_training.value:+.0f} {corrected(by_training)}, corrected for 40 comparisons."
     assert by_training.corrected_by == "Holm, 40 comparisons"
     assert f"this is undecided:** {found}" in page
+
+    verdicts = chosen_from(shipped().verdicts, representation="dae12-script", against="full")
+    wanted = {"claim": "c", "returns": "evaluation", "words": "settings=figure8"}
+    (row,) = chosen_from(verdicts, **wanted).itertuples()
+    assert (row.verdict, row.corrected_by) == ("undecided", "Holm, 39 comparisons")
+    assert f"{row.value:+.0f} {corrected(row)}, corrected for 39 comparisons." in page
 
     spread = chosen_from(shipped().configurations, returns="evaluation", algo="DDPG")
     spread = spread.set_index(["representation", "words"])["s"]

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from jbench import names, plugins
+from jbench import names, plugins, sources
 from jbench.encoders import encoder_code, find_encoder
 from jbench.errors import RequestError
 from jbench.loggers.logger import make_logger
@@ -51,7 +51,8 @@ def record(
     """Records a training loop as a run of a results directory.
 
     Args:
-        task: see `jbench.tasks.find_task`.
+        task: see `jbench.tasks.find_task`; of a function of yours, MODULE:NAME, in another file
+            than the script that records.
         algo: label of the algorithm, such as cleanrl-td3.
         seed: of the run; its environments and evaluations are seeded by it.
         steps: control steps over all environments that the loop will make.
@@ -72,6 +73,7 @@ def record(
         RequestError: if a value is invalid, there is no such encoder, the tracker is not
             installed, or the results are the shipped ones.
     """
+    _check_task(task)
     place = results_to_write(Path(results))
     typed = {
         "task": task,
@@ -101,6 +103,40 @@ def record(
         made_on.update(_package_provenance(package))
 
     return Recording(plan.settings, place, made_on, logger)
+
+
+def _check_task(task: object) -> None:
+    """Raises a RequestError for an environment, and for a function of the running script.
+
+    A process that imports the script by its name would run the whole loop a second time.
+    """
+    if not isinstance(task, str):
+        reason = f"is of type {type(task).__name__}, not the name of one"
+    elif plugins.is_imported(task) and _is_running(task.partition(":")[0]):
+        reason = f"can't be {task!r}, a function of the running script"
+    else:
+        return
+
+    raise RequestError(
+        f"The task of a recording {reason}: type MODULE:NAME of a function that returns the "
+        "environment, in a file of its own, such as 'arm:make'."
+    )
+
+
+def _is_running(module: str) -> bool:
+    """Returns whether a module is the running script, under its own name or as `__main__`."""
+    if module == "__main__":
+        return True
+
+    script = getattr(sys.modules.get("__main__"), "__file__", None)
+    if script is None or not plugins.is_module(module):
+        return False
+
+    file = sources.module_file(module)
+    if file is None or not (file.is_file() and Path(script).is_file()):
+        return False
+
+    return file.samefile(script)
 
 
 def _settings(

@@ -25,7 +25,7 @@ from jbench.store.rows import has_policy
 from jbench.store.weights import encoder_weights
 from jbench.training.repeat import reevaluate
 from tests.command_line import SHORT, Process
-from tests.documentation import ROOT
+from tests.documentation import ROOT, code_of
 from tests.short_episodes import EPISODE, short_episodes
 from tests.training.small_runs import paths
 
@@ -34,6 +34,11 @@ STEPS = 2 * EPISODE
 RUN = {"algo": "mine", "seed": SEED, "steps": STEPS}
 RUN["evaluate_every"] = EPISODE
 RUN["evaluate_episodes"] = 2
+
+IN_A_FILE = (
+    "type MODULE:NAME of a function that returns the environment, in a file of its own, such as "
+    "'arm:make'."
+)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -413,6 +418,14 @@ def test_saved_layers_equal_torch():
         ),
         ({"task": "tests.third_party_task.own_tasks:EndsEarly"}, "terminates at control step 5"),
         ({"task": "../x"}, "task of the run can't be '../x'"),
+        (
+            {"task": gymnasium.make("Pendulum-v1")},
+            f"recording is of type TimeLimit, not the name of one: {IN_A_FILE}",
+        ),
+        (
+            {"task": "__main__:make"},
+            f"recording can't be '__main__:make', a function of the running script: {IN_A_FILE}",
+        ),
         ({"algo": "a/b"}, "algo of the run can't be 'a/b'"),
         ({"evaluate_episodes": 10**15 + 1}, "it should be less than or equal to 1000000000000000"),
         ({"steps": 40}, "No episode would end in 40 control steps"),
@@ -430,6 +443,29 @@ def test_invalid_arguments_are_refused(changes, message, tmp_path):
     with pytest.raises(jbench.RequestError, match=re.escape(message)):
         recorded(tmp_path / "results", **changes)
     assert not (tmp_path / "results").exists()
+
+
+def test_script_that_records_its_own_function_is_refused_before_it_is_imported_again(tmp_path):
+    recorded = 'jbench.record("loop:make", algo="a", seed=0, steps=100)'
+    (tmp_path / "loop.py").write_text(f'print("begins")\nimport jbench\n{recorded}\n')
+    done = Process("tests.recording.programs:run_script", "loop.py", cwd=tmp_path).finished()
+
+    assert done.stdout == "begins\n"
+    refusal = f"can't be 'loop:make', a function of the running script: {IN_A_FILE}"
+    assert refusal in done.stderr
+    assert not (tmp_path / "results").exists()
+
+
+def test_environment_of_the_page_is_recorded_with_a_model_of_stable_baselines3(tmp_path):
+    (tmp_path / "arm.py").write_text(code_of("recording.md", "python", "def make"))
+    script = code_of("recording.md", "python", '"arm:make"')
+    (tmp_path / "train.py").write_text(script.replace("4096", "2048"))
+    done = Process("tests.recording.programs:run_script", "train.py", cwd=tmp_path).finished()
+
+    assert done.returncode == 0, done.stderr
+    (record,) = Results(tmp_path / "results").scan("run")[0]
+    assert record.id.startswith("arm.make/sb3-ppo/full/s00-")
+    assert (record.status, has_policy(record)) == ("finished", True)
 
 
 @pytest.mark.parametrize(

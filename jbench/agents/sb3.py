@@ -11,8 +11,9 @@ from stable_baselines3 import DDPG, PPO, SAC, TD3
 from stable_baselines3.common import noise
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.logger import Logger
+from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.torch_layers import FlattenExtractor
-from stable_baselines3.common.type_aliases import TrainFrequencyUnit
+from stable_baselines3.common.type_aliases import TrainFreq, TrainFrequencyUnit
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecNormalize
 from torch import nn
 
@@ -159,6 +160,21 @@ def _standardized(env: VecEnv, settings: AlgorithmSettings) -> VecEnv:
         clip_obs=settings.normalize_clip,
         epsilon=settings.normalize_epsilon,
     )
+
+
+def rollout(agent: BaseAlgorithm) -> int:
+    """Returns the control steps over all environments between learning phases; 1 if unknown.
+
+    They are unknown if the agent counts episodes, which may end early.
+    """
+    count = agent.n_envs
+    if isinstance(agent, OnPolicyAlgorithm):
+        return agent.n_steps * count
+
+    frequency = getattr(agent, "train_freq", None)
+    if isinstance(frequency, TrainFreq) and frequency.unit is TrainFrequencyUnit.STEP:
+        return frequency.frequency * count
+    return 1
 
 
 def losses(agent: BaseAlgorithm) -> dict[str, float]:

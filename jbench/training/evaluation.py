@@ -122,7 +122,8 @@ def evaluate_policies(
     """Evaluates the deterministic policies of runs that differ in their seeds.
 
     The episodes of all runs are side by side, and each evaluation of a run has its own generator.
-    An evaluation of more episodes begins with those of one with fewer, bit for bit. With
+    An evaluation of more episodes begins in the initial states of one with fewer; its returns are
+    equal up to rounding, since a matrix product rounds by how many episodes are side by side. With
     stable-baselines3, a run has one generator, and its episodes follow one another.
 
     Args:

@@ -36,8 +36,15 @@ from jbench.training.code import acting_code, run_code
 from jbench.training.engines import acting_as_evaluated
 from jbench.training.evaluation import derive_seeds, evaluate_policies
 from jbench.training.events import EpisodeEnded, Event
-from jbench.training.log import POLICY_EVALUATION
-from jbench.training.repeated_rows import Repeated, RowKey, Rows, compared, read_rows
+from jbench.training.repeated_rows import (
+    Repeated,
+    RowKey,
+    Rows,
+    compared,
+    is_of_last_evaluation,
+    read_rows,
+    without_early_final,
+)
 
 
 def changed_code(record: Record, results: Results, accept_changed: bool) -> list[str]:
@@ -101,7 +108,7 @@ def reevaluate(results: Results, record: Record, accept_changed: bool = False) -
                 number,
                 act,
                 control_steps=control_steps,
-                episodes=max(len(recorded), settings.evaluate_episodes),
+                episodes=1 + max(key.episode for key in recorded),
             )
     except ChangedCodeError as error:
         return _not_comparable(record, str(error))
@@ -164,6 +171,8 @@ def retrain(
     until = ends[min(episodes, len(ends)) - 1]
     recorded = read_rows(record, "episode", "evaluation", until=until)
     computed = _train_again(results, record, settings, until, recorded, progress)
+    if ENGINES[settings.engine].has_one_stream:
+        recorded = without_early_final(recorded, record, settings.evaluate_episodes)
 
     repeated = compared(record, until, recorded, computed, "episode")
     losses = (row.get(name) for row in computed.values() for name in schema.LOSSES)
@@ -271,28 +280,13 @@ def _obstacle(record: Record, settings: Run, rows: Rows) -> Repeated | None:
             record,
             "Its evaluations ran the agent's own code; the kept copy rounds sums differently.",
         )
-    if not _is_of_last_evaluation(record, settings, rows):
+    if not is_of_last_evaluation(record, settings, rows):
         return _not_comparable(
             record,
             "Its last evaluation was not made with the policy that was kept: with one before the "
             "last updates, as in older versions of jbench, or with a function of the caller.",
         )
     return None
-
-
-def _is_of_last_evaluation(
-    record: Record, settings: RunSettings | ExternalSettings, rows: Rows
-) -> bool:
-    """Returns whether the kept policy is the one that the last evaluation had."""
-    newest = max(key.number for key in rows)
-    evaluated = record.manifest.summary.get(POLICY_EVALUATION)
-    if evaluated is not None or not isinstance(settings, RunSettings):
-        return bool(evaluated == newest)
-
-    # Older versions did not record it. They kept the policy after the last updates, which was
-    # evaluated only if no evaluation was due at the last control step.
-    previous, last = [0, *sorted({key.control_steps for key in rows})][-2:]
-    return last // settings.evaluate_every == previous // settings.evaluate_every
 
 
 def _not_comparable(record: Record, reason: str) -> Repeated:

@@ -4,8 +4,11 @@ import math
 from collections.abc import Mapping
 from typing import Any, Literal, NamedTuple
 
+from jbench.settings.records import ExternalSettings
+from jbench.settings.run import RunSettings
 from jbench.store import Record
 from jbench.store.schema import TIMES
+from jbench.training.log import POLICY_EVALUATION
 
 RepeatVerdict = Literal["equal", "different", "no policy", "not comparable"]
 """Whether returns are the recorded ones, bit for bit; `not comparable`: the record or this
@@ -62,6 +65,36 @@ def read_rows(record: Record, *kinds: RowKind, until: float = math.inf) -> Rows:
             if None not in (control_steps, number) and control_steps <= until:
                 rows[RowKey(control_steps, kind, number, row["episode"])] = row
     return rows
+
+
+def is_of_last_evaluation(
+    record: Record, settings: RunSettings | ExternalSettings, rows: Rows
+) -> bool:
+    """Returns whether the kept policy is the one that the last evaluation had."""
+    newest = max(key.number for key in rows)
+    evaluated = record.manifest.summary.get(POLICY_EVALUATION)
+    if evaluated is not None or not isinstance(settings, RunSettings):
+        return bool(evaluated == newest)
+
+    # Older versions did not record it. They kept the policy after the last updates, which was
+    # evaluated only if no evaluation was due at the last control step.
+    previous, last = [0, *sorted({key.control_steps for key in rows})][-2:]
+    return last // settings.evaluate_every == previous // settings.evaluate_every
+
+
+def without_early_final(rows: Rows, record: Record, episodes: int) -> Rows:
+    """Returns rows of a run whose evaluations but the last one have at most some `episodes`.
+
+    With stable-baselines3, older versions made each evaluation in the rollout after the last of the
+    requested control steps as long as the last one; its first episodes are those of a shorter one.
+    """
+    numbers = record.read("evaluations")["evaluation"].to_pylist()
+    last = max(filter(None, numbers), default=0)
+    return {
+        key: row
+        for key, row in rows.items()
+        if key.kind != "evaluation" or key.number == last or key.episode < episodes
+    }
 
 
 def compared(

@@ -32,6 +32,7 @@ class SB3Engine(AbstractContextManager["SB3Engine"]):
         self._robots = [RobotSequence(settings, encoder) for _ in range(settings.environments)]
         env = DummyVecEnv([partial(_made, robot) for robot in self._robots])
         self._agent = sb3.build(settings.algo, settings.algorithm, env, seed)
+        self._rollout = sb3.rollout(self._agent)
         self.diverged: dict[int, DivergedError] = {}
         self.failures: dict[int, EpisodeError] = {}  # none: an error ends the loop
         self._policy: SavedNetwork | None = None
@@ -70,8 +71,9 @@ class SB3Engine(AbstractContextManager["SB3Engine"]):
         self._policy = None
 
     def has_made(self, steps: int) -> bool:
-        """Returns whether these control steps are made, perhaps within the last rollout."""
-        return self.control_steps >= steps
+        """See `Trainer.has_made`; the loop ends with a rollout."""
+        last = -(-steps // self._rollout) * self._rollout
+        return self.control_steps >= last
 
     def act(self, observations: NDArray[np.float32]) -> NDArray[np.floating]:
         """Returns deterministic actions (..., dim(A)) for observations (..., dim(O))."""

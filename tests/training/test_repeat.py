@@ -70,6 +70,15 @@ def test_whole_run_is_reproduced_whatever_its_last_evaluation(tmp_path):
     assert again[1:4] == ("equal", "", 100)
 
 
+def test_last_evaluation_shorter_than_the_others_is_repeated_with_as_many_episodes(tmp_path):
+    """A matrix product of one row rounds otherwise than one of three."""
+    wide = {"hidden_layers": [350, 250]}
+    run, results = settings(overrides=wide, evaluate_episodes=3), Results(tmp_path)
+    assert run_batch([run], results, final_episodes=1) == {}
+    again = reevaluate(results, results.find("run", run.id))
+    assert (again.verdict, len(again.computed)) == ("equal", 1)
+
+
 def test_run_that_ends_before_its_first_update_is_reproduced(tmp_path):
     lengths = {"steps": EPISODE, "evaluate_every": EPISODE, "evaluate_episodes": 2}
     waiting = {**OFF_POLICY, "learning_starts": 1000}

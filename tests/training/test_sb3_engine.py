@@ -1,15 +1,19 @@
 """Tests of runs with stable-baselines3: recorded rows, reproducibility, policies and failures."""
 
 import re
+from collections import Counter
 
 import numpy as np
 import pytest
 
+from jbench.agents import sb3
 from jbench.policies.saved import load_agent
+from jbench.settings.algorithms import Foreign
 from jbench.store import Results
 from jbench.tasks.jitterbug import geometry
 from jbench.training.evaluation import make_env
-from jbench.training.repeat import reevaluate
+from jbench.training.repeat import reevaluate, retrain
+from jbench.training.sb3_engine import SB3Engine
 from jbench.training.status import run_statuses
 from tests.short_episodes import EPISODE
 from tests.training.small_runs import paths, small_run, train
@@ -100,6 +104,51 @@ def test_standardized_inputs_are_those_of_vec_normalize(algo, tmp_path):
     assert not np.allclose(shift.offset, 0)
     assert not np.allclose(scale.factor, 1)
     assert reevaluate(results, record).verdict == "equal"
+
+
+SCHEDULES = {
+    "ppo": {"n_envs": 1, "n_steps": 80},
+    "td3": {**TD3, "train_freq": 80},
+}
+
+
+@pytest.mark.parametrize("algo", SCHEDULES)
+def test_evaluation_within_the_last_rollout_is_not_the_final_one(algo, tmp_path):
+    """The rollouts end at the control steps 80 and 160: the latter is the run's last."""
+    often = settings(algo, SCHEDULES[algo], steps=100, evaluate_every=50, evaluate_episodes=1)
+    results = Results(tmp_path)
+    record = train(often, results, final_episodes=3)
+    evaluations = record.read("evaluations").to_pylist()
+    assert Counter(row["control_steps"] for row in evaluations) == {50: 1, 100: 1, 150: 1, 160: 3}
+    assert reevaluate(results, record).verdict == retrain(results, record, 2).verdict == "equal"
+
+
+def test_longer_evaluations_of_older_versions_are_repeated(tmp_path, monkeypatch):
+    """They made each evaluation from `steps` on as long as the final one."""
+    run = settings("ppo", SCHEDULES["ppo"], steps=100, evaluate_every=50, evaluate_episodes=1)
+    results = Results(tmp_path)
+    with monkeypatch.context() as patch:
+        patch.setattr(SB3Engine, "has_made", lambda engine, steps: engine.control_steps >= steps)
+        record = train(run, results, final_episodes=3)
+    evaluations = record.read("evaluations").to_pylist()
+    assert Counter(row["control_steps"] for row in evaluations) == {50: 1, 100: 3, 150: 3, 160: 3}
+    assert reevaluate(results, record).verdict == "equal"
+    assert [retrain(results, record, count).verdict for count in (1, 2, 3)] == ["equal"] * 3
+
+
+@pytest.mark.parametrize(
+    ("name", "overrides", "steps"),
+    [
+        ("stable_baselines3:A2C", {"n_steps": 80}, 160),
+        ("stable_baselines3:TD3", {"train_freq": 25}, 50),
+        ("stable_baselines3:TD3", {"train_freq": [1, "episode"]}, 1),
+    ],
+)
+def test_steps_between_learning_phases_are_those_of_two_environments(name, overrides, steps):
+    count = 1 if isinstance(overrides.get("train_freq"), list) else 2
+    env = sb3.DummyVecEnv([lambda: sb3.Spaces(16, 1)] * count)
+    agent = sb3.build(name, Foreign(hyperparameters=overrides), env, 0)
+    assert sb3.rollout(agent) == steps
 
 
 def test_standardization_that_vec_normalize_does_not_have_is_refused():

@@ -85,6 +85,8 @@ class NoActionSpec(Short):
 class Fragile(Short):
     """Every fifth episode, on average, breaks at its 7th control step."""
 
+    error = OSError
+
     def reset(self):
         timestep = super().reset()
         self.is_broken = self._random.uniform() < 0.2
@@ -92,8 +94,20 @@ class Fragile(Short):
 
     def step(self, action):
         if self.is_broken and self.made == 6:
-            raise OSError("a leg\nbroke")
+            raise self.error("a leg\nbroke")
         return super().step(action)
+
+
+class Faulty(Fragile):
+    """An error of its numbers breaks its episodes."""
+
+    error = ArithmeticError
+
+
+class Hungry(Fragile):
+    """A lack of memory breaks its episodes."""
+
+    error = MemoryError
 
 
 class NeedsFinite(Short):

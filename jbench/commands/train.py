@@ -110,7 +110,7 @@ def train(
     local = partial(Local, database, at_once, train_on, **worker)
     output.if_stopped(partial(kept_runs, runs, database))
     failures = training.train_cells(
-        cells, database, local, log, retry_failed=retry_failed, wait=False
+        cells, database, local, log, device=train_on, retry_failed=retry_failed, wait=False
     )
     training.show_outcome(runs, database, failures)
 

@@ -94,14 +94,32 @@ def _driver() -> str | None:
     return None
 
 
-def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, list[Any]]:
-    """Returns what may round numbers differently: [before, now] of each recorded change."""
+def differences(
+    before: Mapping[str, Any], now: Mapping[str, Any], at_end: bool = False
+) -> dict[str, list[Any]]:
+    """Returns what may round numbers differently: [before, now] of each recorded change.
+
+    The provenance before is that of the beginning of some work, or of where it was last continued.
+    """
     recorded = {**before, **mapping(before.get("packages"))}
+    if at_end:
+        recorded |= _last_changes(before)
+
     return {
         name: [recorded[name], value]
         for name, value in {**now, **now.get("packages", {})}.items()
         if name in _DECISIVE and name in recorded and recorded[name] != value
     }
+
+
+def _last_changes(before: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns the entries that differed where work was last continued, since its beginning."""
+    notes = before.get("continued")
+    if not isinstance(notes, list) or not notes:
+        return {}
+
+    changed = mapping(mapping(notes[-1]).get("changed"))
+    return {name: pair[-1] for name, pair in changed.items() if isinstance(pair, list) and pair}
 
 
 def mapping(value: object) -> Mapping[str, Any]:

@@ -92,7 +92,7 @@ def sweep(
     for run in all_runs(cells):
         results.clean("run", run.id)
 
-    statuses = run_statuses(all_runs(cells), results)
+    statuses = run_statuses(all_runs(cells), results, device)
     notes = dict.fromkeys(note for cell in cells for note in cell.notes)
     waiting = {id for id, run in statuses.items() if run.state not in ("finished", "failed")}
     if retry_failed:

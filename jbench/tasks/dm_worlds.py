@@ -281,7 +281,11 @@ class DmWorlds(EndingWorlds):
         if not isinstance(error, _FlawError | UnusableError):
             reason = f"it fails ({sentence_of_failure(error)})"
         self.failures[world] = EpisodeError(
-            self._task.name, int(self._seeds[world]), int(self.elapsed[world]), reason
+            self._task.name,
+            int(self._seeds[world]),
+            int(self.elapsed[world]),
+            reason,
+            by_numbers=not isinstance(error, OSError | MemoryError),
         )
 
 

@@ -28,16 +28,27 @@ class ModelAndData(NamedTuple):
     data: "mujoco.MjData"
 
 
+BY_NUMBERS = "by_numbers"
+"""Entry of the summary of work whose episode failed: False if not by its seed and actions."""
+
+
 class EpisodeError(WorkError):
     """An episode that can't go on: its environment raised an error, or returned no finite numbers.
 
-    The same seed and actions make the same error, so repeating the work is of no use.
+    If that was by its numbers, the same seed and actions make the same error, so repeating the work
+    is of no use. Files, connections and memory may be there the next time.
     """
 
-    def __init__(self, task: str, seed: int, step: int, reason: str) -> None:
+    def __init__(
+        self, task: str, seed: int, step: int, reason: str, by_numbers: bool = True
+    ) -> None:
         """Names the seed of the episode, and its control step, 0 before the first action."""
-        self.summary = {"episode_failed": {"task": task, "seed": seed, "step": step}}
-        self._arguments = task, seed, step, reason
+        failed: dict[str, Any] = {"task": task, "seed": seed, "step": step}
+        if not by_numbers:
+            failed[BY_NUMBERS] = False
+
+        self.summary = {"episode_failed": failed}
+        self._arguments = task, seed, step, reason, by_numbers
         super().__init__(
             f"jbench can't use the task {task}: at control step {step} of the episode with seed "
             f"{seed}, {reason}."

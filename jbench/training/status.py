@@ -4,12 +4,15 @@ import contextlib
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Literal, NamedTuple
 
+from jbench.devices import find_device
 from jbench.errors import RequestError, WorkError
+from jbench.settings.engines import ENGINES
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
-from jbench.store.provenance import differences, provenance
+from jbench.store.provenance import device_provenance, differences, mapping, provenance
 from jbench.store.run_line import committed_steps
-from jbench.tasks.find import code_provenance
+from jbench.tasks.find import EPISODES_REPEAT, code_provenance
+from jbench.tasks.worlds import BY_NUMBERS
 from jbench.training.continuation import kept_runs
 from jbench.wording import are, counted, repair_hint
 
@@ -30,8 +33,8 @@ class RunStatus(NamedTuple):
     fails_again: bool = False
 
 
-def run_status(run: RunSettings, results: Results) -> RunStatus:
-    """Returns the status of a run."""
+def run_status(run: RunSettings, results: Results, device: str = "auto") -> RunStatus:
+    """Returns the status of a run, which the device would train; see `will_fail_again`."""
     try:
         record = results.find("run", run.id)
     except WorkError as error:
@@ -44,25 +47,47 @@ def run_status(run: RunSettings, results: Results) -> RunStatus:
         return RunStatus("finished", 0)
     done = committed_steps(record) if record.roles() else 0
     left = max(0, run.steps - done)
-    return RunStatus(record.status, left, record.error or "", will_fail_again(record))
+    return RunStatus(record.status, left, record.error or "", will_fail_again(record, device))
 
 
-def will_fail_again(record: Record) -> bool:
-    """Returns whether a run failed by its own numbers, and the same code and machine repeat it."""
-    by_numbers = {"diverged", "episode_failed"} & record.manifest.summary.keys()
-    if record.status != "failed" or not by_numbers:
+def will_fail_again(record: Record, device: str = "auto") -> bool:
+    """Returns whether a run failed by its own numbers, and the same code and machine repeat it.
+
+    An environment whose episodes do not repeat has other numbers, and so has another device than
+    the one that would train the run; see `find_device`.
+    """
+    summary = record.manifest.summary
+    made_on = record.manifest.provenance
+    if record.status != "failed" or made_on.get(EPISODES_REPEAT) is False:
         return False
+
+    by_numbers = "diverged" in summary
+    if "episode_failed" in summary:
+        by_numbers = mapping(summary["episode_failed"]).get(BY_NUMBERS) is not False
+    if not by_numbers:
+        return False
+
+    engine = ENGINES.get(str(record.settings.get("engine")))
+    if engine is not None and not engine.is_for_gpu:
+        device = "cpu"
     try:
-        now = {**provenance(), **code_provenance(record.settings["task"])}
-    except (RequestError, WorkError):  # the code is not here
+        now = {
+            **provenance(),
+            **code_provenance(record.settings["task"]),
+            **device_provenance(find_device(device)),
+        }
+    except (RequestError, WorkError):  # the code or the device is not here
         return False
+
     now.pop("threads")  # of a worker, which may be other than this process
-    return not differences(record.manifest.provenance, now)
+    return not differences(made_on, now, at_end=True)
 
 
-def run_statuses(runs: Iterable[RunSettings], results: Results) -> dict[str, RunStatus]:
-    """Returns the status of each run by id."""
-    return {run.id: run_status(run, results) for run in runs}
+def run_statuses(
+    runs: Iterable[RunSettings], results: Results, device: str = "auto"
+) -> dict[str, RunStatus]:
+    """Returns the status of each run by id; see `run_status`."""
+    return {run.id: run_status(run, results, device) for run in runs}
 
 
 def sentences(statuses: Mapping[str, RunStatus], retry_failed: bool) -> Iterator[str]:

@@ -18,6 +18,7 @@ from jbench.tasks.find import find_task
 from jbench.tasks.task import episode_generator
 from jbench.tasks.worlds import EpisodeError
 from jbench.training.batched_run import run_batch
+from jbench.training.status import run_status, will_fail_again
 from tests.odd_tasks import EPISODE
 from tests.training.small_runs import rows
 
@@ -125,6 +126,41 @@ def test_finished_episodes_of_stable_baselines3_are_kept(tmp_path):
         ending = rf"; the run had made ({made + 6}|{4 * EPISODE}) control steps\."
         assert re.fullmatch(ending, record.error[found.end() :])
     assert 0 < failed < 5
+
+
+@pytest.mark.parametrize(
+    ("name", "fails_again"), [("Faulty", True), ("Fragile", False), ("Hungry", False)]
+)
+def test_run_whose_robot_lacks_a_file_or_memory_need_not_fail_again(name, fails_again, tmp_path):
+    task = f"tests.odd_tasks:{name}"
+    results = Results(tmp_path)
+    runs = [run_of(seed, task=task, specs=find_task(task).specs) for seed in range(6)]
+    failures = run_batch(runs, results, final_episodes=1)
+    assert failures
+    for id in failures:
+        record = results.find("run", id)
+        assert will_fail_again(record) == fails_again
+
+
+@pytest.mark.parametrize(
+    ("made_on", "fails_again"),
+    [
+        ({"device": "cpu"}, True),
+        ({"episodes_repeat": False}, False),
+        ({"device": "cuda", "gpu": "NVIDIA H200"}, False),
+        ({"device": "cuda", "continued": [{"changed": {"device": ["cuda", "cpu"]}}]}, True),
+        ({"processor": "another", "packages": {"mujoco": "1.0"}, "continued": [{}]}, False),
+    ],
+)
+def test_run_that_failed_with_other_numbers_than_here_need_not_fail_again(
+    made_on, fails_again, tmp_path
+):
+    run = run_of(0)
+    record = Results(tmp_path).create("run", run.id, run.values, made_on)
+    diverged = {"update": None, "control_steps": 7, "what": "weights"}
+    record.fail("The agent diverged.", {"diverged": diverged})
+    assert will_fail_again(record, "cpu") == fails_again
+    assert run_status(run, Results(tmp_path), "cpu").fails_again == fails_again
 
 
 class Still(jbench.Agent):

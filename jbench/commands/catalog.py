@@ -1,7 +1,7 @@
 """Commands that list algorithms, tasks and datasets."""
 
 import importlib.util
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from json import dumps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +11,7 @@ from typer import Argument
 from jbench import names, task_specs
 from jbench.commands import options, output, parsing
 from jbench.errors import RequestError, WorkError
-from jbench.settings.algorithms import ALGORITHMS
+from jbench.settings.algorithms import ALGORITHMS, SETTINGS
 from jbench.wording import counted, progress_text, with_results
 
 if TYPE_CHECKING:
@@ -74,7 +74,31 @@ def _show_algorithm(entry: _Entry) -> None:
 
     title = f"{entry['name']}: {package}, engine {entry['engine']}"
     output.table(title, ("setting", "default", "meaning"), rows)
+    for sentence in _other_defaults(entry["name"]):
+        output.say(sentence)
+
     output.document({"algorithms": [entry], "broken": []})
+
+
+def _other_defaults(algorithm: str) -> Iterator[str]:
+    """Yields the defaults of each other source of jbench's settings, such as `suite`."""
+    if algorithm not in SETTINGS:
+        return
+
+    kind = SETTINGS[algorithm]
+    for base, values in kind.bases.items():
+        if base == "published":
+            continue
+
+        option = f"--settings {base}"
+        if base == "suite":
+            option += " (the default on other robots than the Jitterbug)"
+        changed = [
+            f"{name}={_text(value)}"
+            for name, value in values.items()
+            if value != kind.model_fields[name].get_default(call_default_factory=True)
+        ]
+        yield f"With {option}: {', '.join(changed) or 'the same'}."
 
 
 def tasks(

@@ -360,3 +360,15 @@ def test_killed_run_of_rule_resumes_bit_for_bit(installed, tmp_path, monkeypatch
     assert len(rows(records[0])) == 8 + 2 + 8
     assert records[0].manifest.provenance["package"] == "tqc-rule 2.1"
     assert records[0].read_file(WEIGHTS) == records[1].read_file(WEIGHTS)
+
+
+def test_algorithm_has_the_defaults_of_each_source(run_command):
+    _, out, _ = run_command("algorithms", "td3")
+    lines = [line for line in out.splitlines() if line.startswith("With --settings")]
+    assert lines == [
+        "With --settings script: initialization=glorot, learning_starts=9999.",
+        "With --settings sb3: the same.",
+        "With --settings suite (the default on other robots than the Jitterbug): train_freq=1, "
+        "gradient_steps=1, hidden_layers=[256,256], learning_starts=1000, learning_rate=0.001, "
+        "noise_sigma=0.1.",
+    ]

@@ -1,7 +1,6 @@
 """Learning curves in CSV files, whose columns have the names that loggers and papers give them."""
 
 import re
-from collections.abc import Mapping
 from itertools import chain
 from pathlib import Path
 from typing import Literal
@@ -77,8 +76,8 @@ def read_named_columns(file: tables.ImportedFile) -> tables.CurveFile:
     if is_chart(table):
         return read_chart(table, file)
 
-    named = {_usual(column): column for column in reversed(list(map(str, table)))}
-    columns, notes = _columns(named, table, file)
+    columns, notes = known_columns(table, file)
+    named = _by_usual_name(table)
     metric = next((named[name] for name in _METRIC if name in named), None)
     if "return" not in columns and metric is not None and _VALUE in named:
         columns["return"] = named[_VALUE]
@@ -97,9 +96,7 @@ def read_named_columns(file: tables.ImportedFile) -> tables.CurveFile:
         raise RequestError(f"{file.path} has no value of {numeric['return']}; leave it out.")
 
     points = tables.numbers(table, numeric, file)
-    if _usual(numeric["steps"]) == _MILLIONS:
-        points["steps"] = (points["steps"] * 1e6).round()
-
+    points["steps"] = single_steps(points["steps"], numeric["steps"])
     if "seed" in columns:
         points["seed"] = tables.seeds(table, columns["seed"], file)
     else:
@@ -153,13 +150,26 @@ def _labels_in_path(
     return {"task": (names.task, "folder"), "method": (names.method, "folder")}
 
 
-def _columns(
-    named: Mapping[str, str], table: pd.DataFrame, file: tables.ImportedFile
-) -> tuple[dict[str, str], list[str]]:
-    """Returns the column of each role that the table has, and notes on others that may be meant.
+def single_steps(steps: pd.Series, column: str) -> pd.Series:
+    """Returns control steps of a column, which may count them in millions by its name."""
+    if _usual(column) == _MILLIONS:
+        return (steps * 1e6).round()
+    return steps
 
-    `named` has the first of its columns by their usual names.
+
+def _by_usual_name(table: pd.DataFrame) -> dict[str, str]:
+    """Returns the columns of a table by their usual names, the first one of each."""
+    return {_usual(column): column for column in reversed(list(map(str, table)))}
+
+
+def known_columns(
+    table: pd.DataFrame, file: tables.ImportedFile
+) -> tuple[dict[str, str], list[str]]:
+    """Returns the column of each role that a table has, and notes on others that may be meant.
+
+    The roles are method, task, seed, steps and return.
     """
+    named = _by_usual_name(table)
     in_groups: dict[str, list[str]] = {}
     for column in map(str, table):
         name = _usual(column)

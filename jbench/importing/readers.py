@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from jbench.errors import RequestError
 from jbench.importing.event_file import read_event_file
+from jbench.importing.named_columns import known_columns, single_steps
 from jbench.importing.request import RETURN, STEPS, TAGS, ImportRequest
 from jbench.importing.tables import ImportedFile, check_column, numbers, read_table, seeds
 from jbench.importing.wandb_chart import NOT_CONTROL_STEPS, columns_of_runs
@@ -45,12 +46,13 @@ class Series(NamedTuple):
 def _read_csv(file: ImportedFile, request: ImportRequest) -> list[Series]:
     """Returns the learning curve of each seed of a file with a row per point."""
     table = read_table(file)
+    known, _ = known_columns(table, file)
     columns = {
-        "steps": request.steps_column or next(filter(table.__contains__, STEPS), STEPS[0]),
-        "return": request.return_column or next(filter(table.__contains__, RETURN), RETURN[0]),
+        "steps": request.steps_column or known.get("steps", STEPS[0]),
+        "return": request.return_column or known.get("return", RETURN[0]),
     }
     if request.seed_from is None:
-        columns["seed"] = request.seed_column or "seed"
+        columns["seed"] = request.seed_column or known.get("seed", "seed")
 
     for role, column in columns.items():
         option = f"--{role}-column"
@@ -110,6 +112,7 @@ def _points(table: pd.DataFrame, columns: Mapping[str, str], file: ImportedFile)
         raise RequestError(f"{file.path} has no value of {columns['return']}; leave it out.")
     names = {"control_steps": columns["steps"], "episode_return": columns["return"]}
     points = numbers(rows, names, file)
+    points["control_steps"] = single_steps(points["control_steps"], columns["steps"])
     if "seed" in columns:
         points["seed"] = seeds(rows, columns["seed"], file)
     return points

@@ -12,7 +12,7 @@ from jbench.wording import in_prose
 
 STEPS = ("control_steps", "global_step", "timesteps", "steps", "step")
 RETURN = ("episode_return", "episodic_return", "return", "reward")
-"""Default columns of a CSV file, of which the first that it has is used."""
+"""Most usual columns of a CSV file; `named_columns` has the others."""
 
 TAGS = ("charts/episodic_return", "rollout/ep_rew_mean")
 """Default tags: of CleanRL, an episode each, and of stable-baselines3, means of 100."""
@@ -49,12 +49,12 @@ class ImportRequest(Labels):
     )
     steps_column: str | None = Field(
         None,
-        description="column with the control steps, of csv (default: "
+        description="column with the control steps, of csv (default: a usual name such as "
         f"{in_prose(STEPS)}) or wandb-csv (default: the first column)",
     )
     return_column: str | None = Field(
         None,
-        description="column with the returns, of csv (default: "
+        description="column with the returns, of csv (default: a usual name such as "
         f"{in_prose(RETURN)}) or wandb-csv (the metric)",
     )
     seed_column: str | None = Field(

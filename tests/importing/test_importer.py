@@ -100,6 +100,28 @@ def test_columns_and_seeds_with_usual_names_need_no_options(separator, tmp_path,
     assert rows()[9]["control_steps"].tolist() == [1000]
 
 
+@pytest.mark.parametrize(
+    ("text", "points"),
+    [
+        (
+            "rollout/ep_len_mean,rollout/ep_rew_mean,time/total_timesteps\n20,,10\n20,5.5,2000\n",
+            {2000: 5.5},
+        ),
+        ("million_steps,avg_return\n0.001,7\n0.0025,8\n", {1000: 7, 2500: 8}),
+    ],
+)
+def test_columns_are_known_by_the_names_that_report_curves_knows(
+    text, points, tmp_path, imports, rows
+):
+    path = tmp_path / "seed4" / "progress.csv"
+    path.parent.mkdir()
+    path.write_text(text)
+    assert imports("csv", path)[0] == 0
+    imported = rows()[4]
+    assert dict(zip(imported["control_steps"], imported["episode_return"], strict=True)) == points
+    assert rows("imports")[4]["returns"].tolist() == ["training"]
+
+
 def test_repeated_import_changes_nothing_and_reports_it(monitor_file, imports, tmp_path):
     file = monitor_file(1, EPISODES[1])
     assert imports("sb3-monitor", file)[0] == 0

@@ -19,11 +19,12 @@ from jbench.report.data.sources import Source
 from jbench.report.encoders import encoder_frame
 from jbench.report.request import Request
 from jbench.returns import TRAINING
+from jbench.settings.algorithms import display_name
 from jbench.settings.run import RunSettings
 from jbench.settings.variants import hyperparameter_words
 from jbench.store import Results
 from jbench.store.shipped import shipped_results
-from jbench.wording import repair_hint, with_results
+from jbench.wording import in_prose, repair_hint, with_results
 
 Pairs = list[list[Pair]]
 
@@ -93,9 +94,17 @@ def _note_shared(source: Source) -> None:
     for config in trained:
         config.set_words([word for word in config.each_word if word not in shared])
 
-    source.shared = ", ".join(shared)
-    if shared:
-        source.notes.insert(0, f"All runs: {source.shared}, not the defaults.")
+    if not shared:
+        return
+
+    whose = "All runs"
+    if len(trained) < len(source.configurations):
+        # Recorded and imported runs have other settings, or none.
+        algorithms = dict.fromkeys(display_name(config.algo) for config in trained)
+        whose += f" of {in_prose(algorithms, 'and')}"
+
+    source.shared = f"{whose}: {', '.join(shared)}"
+    source.notes.insert(0, f"{source.shared}, not the defaults.")
 
 
 def _compared(ours: Source, theirs: Source, request: Request) -> tuple[Source, Pairs]:

@@ -175,7 +175,7 @@ def _final_returns_caption(frames: Frames, agents: pd.DataFrame) -> str:
     """Returns what a reader of the final returns must know of them."""
     sentences = [_final(frames), INTERVAL]
     if shared := frames.source.shared:
-        sentences.append(f"All runs: {shared}.")
+        sentences.append(f"{shared}.")
     if len(frames.baselines):
         fewest = int(frames.baselines["episodes"].min())
         sentences.append(

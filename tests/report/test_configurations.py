@@ -83,6 +83,19 @@ def test_settings_that_all_runs_share_are_noted_once(fabric):
     assert f"{shared}." in files["final_returns.md"].replace("\\", "")
 
 
+def test_settings_that_recorded_runs_lack_are_not_said_of_all_runs(fabric):
+    for name in ("full", "dae12"):
+        fabric.run([500.0] * 3, representation=name, **with_defaults(hidden_layers=[8, 8]))
+    recorded = {"engine": "external", "algo": "sb3-ppo", "hyperparameters": {"n_steps": 128}}
+    fabric.run([400.0] * 3, **recorded)
+
+    frames = Frames(fabric.results)
+    assert "All runs of TD3: hidden_layers=[8, 8], not the defaults." in frames.notes
+    table = dict(table_files(frames))["final_returns.md"].replace("\\", "")
+    assert "All runs of TD3: hidden_layers=[8, 8]." in table
+    assert "All runs: " not in table
+
+
 def test_runs_that_differ_only_in_the_code_of_their_encoder_are_named_by_it(fabric):
     for code, seed in (("3f2a91aa", 0), ("07c4d5bb", 0), ("07c4d5bb", 1)):
         id = f"face_direction/mine6/s0{seed}-{code}"

@@ -52,7 +52,7 @@ class Source:
     tables: dict[str, pd.DataFrame]  # of encoders, policies, metrics; of others than results empty
     paths: pd.DataFrame  # see `run_paths`
     evaluations: pa.Table  # rows of the table `evaluations`, those of `jbench evaluate` included
-    shared: str = ""  # hyperparameters of all runs that are not the defaults, if names lack them
+    shared: str = ""  # hyperparameters of all trained runs that are no defaults, if names lack them
 
 
 def joined(parts: Sequence[Source]) -> Source:

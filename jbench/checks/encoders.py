@@ -1,5 +1,6 @@
 """Checks of kinds of encoders: training, seeds, both array types, shapes, loading."""
 
+import math
 import tempfile
 from collections.abc import Iterator, Mapping
 from functools import cache, partial
@@ -16,16 +17,20 @@ from jbench.encoders import load_encoder
 from jbench.encoders.kind import Learned
 from jbench.encoders.registry import find_kind, latent_sizes, make_kind
 from jbench.encoders.saved import WEIGHTS
-from jbench.encoders.settings import encoder_settings
+from jbench.encoders.settings import encoder_settings, wrong_size
 from jbench.encoders.states import States
 from jbench.encoders.training import train_encoder
-from jbench.errors import WorkError
-from jbench.settings.records import DatasetSettings, dataset_robot
+from jbench.errors import RequestError, WorkError
+from jbench.settings.base import validated
+from jbench.settings.records import DatasetSettings, dataset_robot, episode_steps
 from jbench.store import Record, Results
 from jbench.tasks.find import find_task
 
+_EPISODES = 5
+"""Fewest episodes of a random policy that encoders are trained on: a fifth is held out."""
+
 _STEPS = 5000
-"""Control steps of a random policy that encoders are trained on: a fifth is held out."""
+"""Fewest control steps of these episodes."""
 
 
 def checks(
@@ -49,12 +54,20 @@ def _class(name: str, task: str, options: Mapping[str, Any]) -> str:
         base = "Learned"
 
     make_kind(name, options)
-    sizes = latent_sizes(name, task, options)
+    sizes = _sizes(name, task, options)
     latents = f"{sizes[0]}"
     if len(sizes) != 1:
         latents = f"{sizes[0]} to {sizes[-1]}"
 
     return f"a subclass of {base}; {latents} latents on {task}"
+
+
+def _sizes(name: str, task: str, options: Mapping[str, Any]) -> range:
+    """Returns the allowed numbers of latents of a kind; a RequestError if the task has none."""
+    sizes = latent_sizes(name, task, options)
+    if not sizes:
+        raise RequestError(f"{wrong_size(name, task, 0, options)}.")
+    return sizes
 
 
 class _Trial:
@@ -76,7 +89,7 @@ class _Trial:
         if issubclass(find_kind(name), Learned):
             self._options = {"epochs": 1, "batch": 512, **options}
 
-        sizes = latent_sizes(name, task, options)
+        sizes = _sizes(name, task, options)
         if latents is None:
             latents = min(12, sizes[-1])
 
@@ -99,7 +112,8 @@ class _Trial:
         record = self._trained("first", 0)
         summary = record.manifest.summary
         explained = summary.get("test_explained")
-        return f"{self._latents} latents of {_STEPS:,} control steps explain {explained:.2f}"
+        steps = self._dataset_settings().steps
+        return f"{self._latents} latents of {steps:,} control steps explain {explained:.2f}"
 
     def seeds(self) -> str:
         """Checks that training again with the same seed gives the same weights."""
@@ -151,12 +165,18 @@ class _Trial:
         record = self._trained("first", 0)
         return load_encoder(Results(self._folder / "first"), record.id).encoder
 
+    def _dataset_settings(self) -> DatasetSettings:
+        """Returns the settings of a small dataset, of whole episodes."""
+        task = find_task(self._task)
+        length = episode_steps(task.specs)
+        episodes = max(_EPISODES, math.ceil(_STEPS / length))
+        robot = dataset_robot(task.name, task.specs)
+        return validated(DatasetSettings, "a dataset", steps=episodes * length, **robot)
+
     def _train(self, place: str, seed: int) -> Record:
         """Collects a small dataset in a place of its own and trains an encoder on it."""
         results = Results(self._folder / place)
-        task = find_task(self._task)
-        robot = dataset_robot(task.name, task.specs)
-        collect(DatasetSettings(steps=_STEPS, **robot), results, 1)
+        collect(self._dataset_settings(), results, 1)
         dataset = find_dataset(results, None, self._task)
         settings = encoder_settings(
             self._name,

@@ -5,19 +5,23 @@ They are those of `portalocker`: advisory `flock` on Linux and macOS, locked byt
 
 import contextlib
 import os
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import portalocker
 from portalocker import LockFlags
 
-from jbench.errors import WorkError
+from jbench.errors import ElsewhereError, WorkError
 from jbench.store import files
 
 LOCK = "lock"  # name of the lock file
 
+_PATIENCE = 0.1  # s; who looks whether a lock is held has it for much less
+_PAUSE = 0.002  # s between two tries
 
-class HeldError(WorkError):
+
+class HeldError(ElsewhereError):
     """Another process holds the lock of a record, such as `the run ID`."""
 
     def __init__(self, whose: str) -> None:
@@ -37,11 +41,12 @@ def hold(
     whose: str,
     kind: LockFlags = LockFlags.EXCLUSIVE | LockFlags.NON_BLOCKING,
     access: int = os.O_RDWR | os.O_CREAT,
+    patience: float = _PATIENCE,
 ) -> Iterator[None]:
-    """Holds a lock of a directory during the block; by default exclusive, without waiting.
+    """Holds a lock of a directory during the block; by default exclusive, hardly waiting.
 
-    Raises a HeldError if another process holds it, a WorkError if the file can't be opened or
-    locked.
+    Raises a HeldError if another process holds it for `patience` s, a WorkError if the file can't
+    be opened or locked.
     """
     path = directory / LOCK
     try:
@@ -53,7 +58,7 @@ def hold(
 
     try:
         try:
-            portalocker.lock(handle, kind)
+            _lock(handle, kind, patience)
         except portalocker.AlreadyLocked:
             raise HeldError(whose) from None
         except portalocker.LockException as error:
@@ -64,6 +69,22 @@ def hold(
         yield
     finally:
         files.close(handle)
+
+
+def _lock(handle: int, kind: LockFlags, patience: float) -> None:
+    """Locks an open file; tries again for `patience` s if it is locked, and raises as portalocker.
+
+    Who looks whether a lock is held (`is_held`) has it for a moment, and is no writer.
+    """
+    end = time.monotonic() + patience
+    while True:
+        try:
+            portalocker.lock(handle, kind)
+            return
+        except portalocker.AlreadyLocked:
+            if time.monotonic() >= end:
+                raise
+        time.sleep(_PAUSE)
 
 
 def share(directory: Path) -> contextlib.AbstractContextManager[None]:
@@ -85,7 +106,7 @@ def is_held(directory: Path, shared: bool = False) -> bool:
         kind = LockFlags.EXCLUSIVE
 
     try:
-        with hold(directory, "", kind | LockFlags.NON_BLOCKING, access):
+        with hold(directory, "", kind | LockFlags.NON_BLOCKING, access, patience=0):
             return False
     except WorkError as error:
         return isinstance(error, HeldError)

@@ -23,6 +23,7 @@ class TorchEncoder(Fitted):
     """A kind whose latents a trained torch module computes.
 
     The numbers of the `state_dict` are saved with the encoder, so that agents do not need its file.
+    Saved are float32; integers, which these hold up to 2**24, and booleans get the module's type.
     """
 
     def module(self) -> torch.nn.Module:
@@ -55,8 +56,10 @@ class TorchEncoder(Fitted):
         if not isinstance(scaled, Tensor):
             return self.encode(weights, torch.from_numpy(scaled)).numpy()
 
-        named = self._latents.state_dict()
-        values = {name: torch.as_tensor(weights[name.removeprefix(_PREFIX)]) for name in named}
+        values = {
+            name: _like(of_module, weights[name.removeprefix(_PREFIX)])
+            for name, of_module in self._latents.state_dict().items()
+        }
         with torch.no_grad():
             latents: Tensor = torch.func.functional_call(self._latents, values, (scaled,))
         return latents
@@ -65,6 +68,14 @@ class TorchEncoder(Fitted):
     def _latents(self) -> torch.nn.Module:
         """The module that makes latents; it is made once."""
         return _Latents(self)
+
+
+def _like(of_module: Tensor, saved: Any) -> Tensor:
+    """Returns saved numbers as a module computes with them: an index must stay an integer."""
+    numbers = torch.as_tensor(saved)
+    if of_module.is_floating_point():
+        return numbers
+    return numbers.to(of_module.dtype)
 
 
 class _Latents(torch.nn.Module):

@@ -47,12 +47,35 @@ class Texts:
     pass
 """
 
+CHOOSING = """
+import torch
+from jbench.encoders.pretrained import TorchEncoder
+
+class Choice(torch.nn.Module):
+    def __init__(self):
+        super().__init__()
+        self.register_buffer("chosen", torch.zeros(3, dtype=torch.int64))
+        self.register_buffer("is_kept", torch.zeros(3, dtype=torch.bool))
+
+    def forward(self, states):
+        return states[..., self.chosen][..., self.is_kept]
+
+class Choosing(TorchEncoder):
+    def module(self):
+        module = Choice()
+        module.is_kept[:2] = True
+        return module
+
+    def state_dict(self):
+        return {"chosen": torch.tensor([7, 2, 5]), "is_kept": torch.tensor([True, False, True])}
+"""
+
 
 @pytest.fixture
 def mine(tmp_path, monkeypatch):
     """The module `mine` with both examples of the page, and mistakes; the file of a module."""
     parts = ("class Motions", "class MyVAE")
-    code = "\n".join([*(code_of(PAGE, "python", part) for part in parts), MISTAKES])
+    code = "\n".join([*(code_of(PAGE, "python", part) for part in parts), MISTAKES, CHOOSING])
     (tmp_path / "mine.py").write_text(code)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
@@ -104,6 +127,15 @@ def test_trained_module_is_saved_with_its_numbers(mine, trained, results, tmp_pa
     assert tensors.dtype == torch.float64
     np.testing.assert_allclose(tensors, expected, atol=1e-6)
     assert encoder.encode(seen[0]).shape == (5,)
+
+
+def test_integers_and_booleans_of_a_module_are_its_own_type(mine, trained, results):
+    record = made("mine:Choosing", trained, results, scale="observation")
+    encoder = load_encoder(results, record.id).encoder
+    seen = observations_of(trained.dataset)[0]
+    np.testing.assert_array_equal(encoder.encode(seen), seen[:, [7, 5]])
+    tensors = encoder.encode(torch.from_numpy(seen).double())
+    np.testing.assert_array_equal(tensors, seen[:, [7, 5]])
 
 
 def test_encoder_of_an_edited_file_is_refused(mine, trained, results, tmp_path):

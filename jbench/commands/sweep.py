@@ -132,7 +132,7 @@ def sweep(
         failures = {} if dry_run else train(cells)
         count = len(all_runs(cells))
         document = show_cells(matrix, cells, database, at_once, train_on, dry_run, final_episodes)
-        document |= _missing_and_failed(cells, database, failures)
+        document |= _missing_and_failed(matrix, cells, database, failures)
 
     output.document({"matrix": matrix, **document})
     if not dry_run:
@@ -141,14 +141,14 @@ def sweep(
 
 
 def _missing_and_failed(
-    cells: Sequence["Cell"], results: "Results", failures: dict[str, str]
+    matrix: str, cells: Sequence["Cell"], results: "Results", failures: dict[str, str]
 ) -> dict[str, Any]:
     """Prints what has to be made first; returns it, and the failures of now and of before."""
     from jbench.commands import training
     from jbench.sweeps.cell import all_runs
     from jbench.training.status import failures_among, run_statuses
 
-    missing = training.show_missing(cells, results)
+    missing = training.show_missing(cells, results, matrix)
     before = failures_among(run_statuses(all_runs(cells), results))
     return {"made_first": missing, "failures": failures | before}
 

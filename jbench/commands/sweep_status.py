@@ -9,6 +9,7 @@ from jbench.commands import output
 from jbench.store import Results
 from jbench.sweeps.cell import Cell, all_runs
 from jbench.sweeps.cell_status import CellStatus, cell_statuses, seconds_left
+from jbench.sweeps.preparation import missing_encoders
 from jbench.training.continuation import new_beginnings
 from jbench.training.status import RunState, run_status
 from jbench.wording import counted, duration
@@ -97,7 +98,8 @@ def show_cells(
 
     output.table(title, header, rows, spare=("estimated from",))
     if times and any(status.steps_left for status in statuses):
-        output.say(_sentence_on_time_left(statuses, left, jobs))
+        first = missing_encoders(cells, results)
+        output.say(_sentence_on_time_left(statuses, left, jobs, excludes_first=bool(first)))
 
     return {"configurations": entries, "seconds_left": left}
 
@@ -175,13 +177,21 @@ def _time(seconds: float | None) -> str:
     return "unknown" if seconds is None else duration(seconds)
 
 
-def _sentence_on_time_left(statuses: Sequence[CellStatus], seconds: float | None, jobs: int) -> str:
-    """Returns the sentence on the time that all configurations take together."""
+def _sentence_on_time_left(
+    statuses: Sequence[CellStatus], seconds: float | None, jobs: int, *, excludes_first: bool
+) -> str:
+    """Returns the sentence on the time that all configurations take together.
+
+    `excludes_first` says whether datasets and encoders are made first, whose time is not known.
+    """
     processes = counted(jobs, "process", "processes")
     included = ""
     if seconds is None:
         included = " until each configuration has a finished run"
     elif any(status.failed for status in statuses):
         included = ", the failed runs included"
+
+    if excludes_first and seconds is not None:
+        included += ", without the datasets and encoders below"
 
     return f"Time left with {processes} at a time: {_time(seconds)}{included}."

@@ -10,7 +10,7 @@ from jbench.commands import output
 from jbench.commands.training_view import TrainingView
 from jbench.errors import ElsewhereError, WorkError
 from jbench.loggers.logger import copying_rows, make_logger
-from jbench.names import KeepState
+from jbench.names import SWEEPS, KeepState
 from jbench.report.numbers import whole
 from jbench.settings.base import task_and_representation
 from jbench.settings.evaluations import EVALUATION_EPISODES
@@ -195,8 +195,8 @@ def show_outcome(runs: Sequence[RunSettings], results: Results, failures: dict[s
     check_left(left, len(runs))
 
 
-def show_missing(cells: Sequence[Cell], results: Results) -> list[str]:
-    """Prints the datasets and encoders that are made first; returns their ids."""
+def show_missing(cells: Sequence[Cell], results: Results, matrix: str) -> list[str]:
+    """Prints the datasets and encoders that the runs of a matrix need first; returns their ids."""
     missing = missing_encoders(cells, results)
     datasets = [data for data, _ in missing if not results.is_finished("dataset", data.id)]
     encoders = []
@@ -204,8 +204,12 @@ def show_missing(cells: Sequence[Cell], results: Results) -> list[str]:
         encoders += unfinished
 
     for dataset in datasets:
+        advice = "."
+        if matrix not in SWEEPS:
+            advice = f"; steps under [dataset] in {matrix} makes it smaller."
         output.say(
-            f"To be collected first: the dataset {dataset.id} of {dataset.steps:,} control steps."
+            f"To be collected first: the dataset {dataset.id} of {dataset.steps:,} control "
+            f"steps{advice}"
         )
 
     ids = ", ".join(encoder.id for encoder in encoders)

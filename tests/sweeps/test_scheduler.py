@@ -1,6 +1,7 @@
 """Tests of sweeps started from Python, without the command line."""
 
 import json
+import re
 import subprocess
 import sys
 from itertools import chain
@@ -166,6 +167,23 @@ def test_damaged_dataset_and_encoder_would_be_made_first(with_damaged_encoder, c
     typed, ids = with_damaged_encoder
     assert main([*typed, "--dry-run"]) == 0
     assert json.loads(capsys.readouterr().out)["made_first"] == ids
+
+
+def test_time_left_is_without_what_is_made_first_and_a_smaller_dataset_is_advised(
+    tmp_path, run_command
+):
+    matrix = write_matrix(tmp_path, representations='"full", "pca3"')
+    code, printed, _ = run_command("sweep", matrix, "--dry-run", results=tmp_path / "results")
+    printed = " ".join(printed.split())
+    assert code == 0
+    assert re.search(
+        r"Time left with \d+ process(es)? at a time: .*, without the datasets", printed
+    )
+    assert f"4,000 control steps; steps under [dataset] in {matrix} makes it smaller." in printed
+
+    matrix = write_matrix(tmp_path)
+    code, printed, _ = run_command("sweep", matrix, "--dry-run", results=tmp_path / "results")
+    assert (code, "without the datasets" in printed) == (0, False)
 
 
 @pytest.mark.slow

@@ -22,7 +22,7 @@ from jbench.errors import RequestError
 from jbench.policies.find import offered_policies
 from jbench.settings.algorithms import SETTINGS
 from jbench.task_specs import GYM, SUITE, SUITE_TASKS
-from jbench.tasks.find import installed_tasks
+from jbench.tasks.find import advice_on_module, installed_tasks
 from jbench.typed_values import closest, question
 
 CodeKind = Literal["task", "agent", "rule", "encoder", "policy"]
@@ -33,6 +33,9 @@ _ESSENTIAL = ("class", "made", "actions", "learning", "episode", "training", "ac
 
 _ENVIRONMENT = ("reset", "step", "observation_spec", "action_spec")
 """Methods of a `dm_env.Environment`."""
+
+_GYMNASIUM = ("reset", "step", "observation_space", "action_space")
+"""Methods and attributes of a `gymnasium.Env`."""
 
 
 @dataclass(frozen=True)
@@ -105,10 +108,22 @@ def kind_of_code(name: str) -> CodeKind:
         if all(hasattr(found, method) for method in _ENVIRONMENT):
             return "task"
 
+    elif _is_environment(found):
+        raise RequestError(
+            f"{name} is an environment of type {type(found).__name__}, and jbench makes several: "
+            "type MODULE:NAME of the function that returns it."
+        )
+
     if callable(found) and not hasattr(found, "act") and _is_factory(found):
         return "task"
 
     return "policy"
+
+
+def _is_environment(found: object) -> bool:
+    """Returns whether an object is a `gymnasium.Env` or a `dm_env.Environment`."""
+    is_of_gymnasium = all(hasattr(found, name) for name in _GYMNASIUM)
+    return is_of_gymnasium or all(hasattr(found, method) for method in _ENVIRONMENT)
 
 
 def _is_factory(found: Callable[..., Any]) -> bool:
@@ -139,6 +154,10 @@ def _installed(name: str) -> CodeKind:
         raise RequestError(f"{name} is jbench's own; type MODULE:CLASS of an algorithm of yours.")
 
     plugins.refuse_path(name)
+    advice = advice_on_module(name, "a function or a class in it")
+    if advice:
+        raise RequestError(f"There is no code called {name!r}; {advice}.")
+
     close = closest(name, [*SUITE_TASKS, *chain.from_iterable(by_kind.values())])
     raise RequestError(
         f"There is no code called {name!r}: {question(close)}Type MODULE:NAME of a task, an agent, "

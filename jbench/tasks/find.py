@@ -135,13 +135,9 @@ def unknown_task(name: str) -> RequestError:
         )
 
     plugins.refuse_path(name)
-    module, attribute = _module_and_rest(name.removesuffix(".py"))
-    if module:  # also MODULE.NAME, as in the ids of runs
-        meant = attribute if attribute.isidentifier() else "NAME"
-        explained = "" if meant == attribute else ", a function in it that returns an environment"
-        return RequestError(
-            f"Unknown task {name!r}; to use the module {module}, type {module}:{meant}{explained}."
-        )
+    advice = advice_on_module(name, "a function in it that returns an environment")
+    if advice:
+        return RequestError(f"Unknown task {name!r}; {advice}.")
 
     close = closest(name, [*TASKS, *installed_tasks(), *SUITE_TASKS])
     if close is None:  # a domain, such as cartpole or HalfCheetah-v5
@@ -156,6 +152,21 @@ def unknown_task(name: str) -> RequestError:
         f"Unknown task {name!r}; {hint} {', '.join(TASKS)}, a task that jbench tasks lists, or "
         f"MODULE:NAME."
     )
+
+
+def advice_on_module(name: str, meant: str) -> str:
+    """Returns what to type for a module, or for MODULE.NAME as in the ids of runs; "" of others.
+
+    `meant` says what NAME is, in the advice for a module alone.
+    """
+    module, attribute = _module_and_rest(name.removesuffix(".py"))
+    if not module:
+        return ""
+
+    advice = f"to use the module {module}, type {module}"
+    if attribute.isidentifier():
+        return f"{advice}:{attribute}"
+    return f"{advice}:NAME, {meant}"
 
 
 def _module_and_rest(name: str) -> tuple[str, str]:

@@ -166,11 +166,35 @@ def test_reward_out_of_range_ends_the_checks(modules, states):
         (["lab/own.py:Agent"], "has the path of a file; type lab.own:Agent."),
         (["td3"], "td3 is jbench's own; type MODULE:CLASS of an algorithm of yours."),
         (["pcaa"], "There is no code called 'pcaa': did you mean pca? Type"),
+        (
+            ["tests.odd_tasks.reach"],
+            "There is no code called 'tests.odd_tasks.reach'; to use the module tests.odd_tasks, "
+            "type tests.odd_tasks:reach.",
+        ),
         (["pca", "--as", "robot"], "Unknown kind of code 'robot'; choose task, agent, rule"),
     ],
 )
 def test_wrong_request_is_refused(refused, typed, message):
     assert message in refused("check", *typed)
+
+
+@pytest.mark.parametrize(
+    ("module", "made_by", "kind"),
+    [
+        ("pendulum", 'gymnasium.make("Pendulum-v1")', "TimeLimit"),
+        ("point", "own_tasks.Integrator()", "Integrator"),
+    ],
+)
+def test_environment_object_is_refused_with_what_to_type(
+    modules, tmp_path, refused, module, made_by, kind
+):
+    text = f"import gymnasium\nimport own_tasks\n\nenv = {made_by}\n"
+    (tmp_path / f"{module}.py").write_text(text)
+    assert (
+        f"{module}:env is an environment of type {kind}, and jbench makes several: type "
+        "MODULE:NAME of the function that returns it."
+    ) in refused("check", f"{module}:env")
+    assert f"type {module}:NAME, a function or a class in it." in refused("check", f"{module}.py")
 
 
 @pytest.mark.parametrize(

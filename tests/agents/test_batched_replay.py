@@ -14,7 +14,7 @@ LENGTH = 7  # transitions in an episode
 
 def build_buffer(environments=1, capacity=20):
     sizes = Sizes(SEEDS, environments, capacity, SIZE, ACTIONS)
-    return ReplayBuffer(sizes, flush_every=5, episode_steps=LENGTH)
+    return ReplayBuffer(sizes, flush_every=5, episode_steps=LENGTH, ends_are_terminal=True)
 
 
 class History:
@@ -85,6 +85,19 @@ def test_every_transition_is_equally_likely():
     # 1000 of each are expected; the standard deviation is 31.
     assert len(counts) == 20
     assert abs(counts - 1000).max() < 4 * 31
+
+
+def test_no_transition_is_terminal_where_ends_are_truncations():
+    sizes = Sizes(1, 1, 20, SIZE, ACTIONS)
+    buffer = ReplayBuffer(sizes, flush_every=2 * LENGTH, episode_steps=LENGTH)
+    buffer.begin(torch.zeros(1, 1, SIZE))
+    for _ in range(2):
+        for _ in range(LENGTH):
+            buffer.add(np.zeros((1, 1, ACTIONS)), np.zeros((1, 1)), torch.zeros(1, 1, SIZE))
+        buffer.begin(torch.zeros(1, 1, SIZE))
+    buffer.flush()
+    assert not buffer.has_terminals
+    assert not buffer.sample(np.random.default_rng(0), 1, 1000).is_terminal.any()
 
 
 def test_million_transitions_of_ten_seeds_fit_into_one_gigabyte():

@@ -104,10 +104,15 @@ def test_recorded_functions_stay_on_gpu(algo, options):
         check(tensors, learner.value, seen)
         return
     sizes = Sizes(SEEDS, 1, 100, SIZE, 1)
-    replay = ReplayBuffer(sizes, flush_every=1, device=GPU, episode_steps=1000)
+    replay = ReplayBuffer(
+        sizes,
+        flush_every=1,
+        episode_steps=1000,
+        ends_are_terminal=options.get("limit") == "terminal",
+        device=GPU,
+    )
     statistics = running_statistics(settings, SEEDS, SIZE, torch.float32, GPU)
-    limit = options.get("limit", "bootstrap")
-    updates = Updates(settings, group, replay, limit, statistics=statistics)
+    updates = Updates(settings, group, replay, statistics=statistics)
     for delayed in (True, False):
         check(tensors, updates._update_once, delayed)
     if ofe is not None:

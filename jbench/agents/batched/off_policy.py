@@ -41,6 +41,7 @@ class OffPolicyEngine(BatchedEngine[OffPolicyLearner[Any]]):
             sizes,
             flush_every=rollout_steps,
             episode_steps=environments.episode_steps,
+            ends_are_terminal=self._time_limit == "terminal",
             dtype=tensors.dtype,
             device=tensors.device,
         )
@@ -53,7 +54,6 @@ class OffPolicyEngine(BatchedEngine[OffPolicyLearner[Any]]):
                 settings,
                 group,
                 self.replay,
-                self._time_limit,
                 mirror=mirror,
                 statistics=self._statistics,
             )

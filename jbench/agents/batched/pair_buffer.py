@@ -19,7 +19,6 @@ class PairBuffer(ReplayBuffer):
     """
 
     rows_per_transition = 2
-    knows_terminals = True
 
     def __init__(
         self,
@@ -27,14 +26,19 @@ class PairBuffer(ReplayBuffer):
         *,
         flush_every: int,
         episode_steps: int | None = None,
+        ends_are_terminal: bool | None = None,
         dtype: torch.dtype = torch.float32,
         device: torch.device | str = "cpu",
     ) -> None:
-        """Allocates the buffers; see `ReplayBuffer`. Episodes have any length."""
+        """Allocates the buffers; see `ReplayBuffer`.
+
+        Episodes have any length, and `end` says which ends are terminal.
+        """
         super().__init__(
             sizes,
             flush_every=flush_every + 1,  # the current observation, too
             episode_steps=1,
+            ends_are_terminal=True,
             dtype=dtype,
             device=device,
         )

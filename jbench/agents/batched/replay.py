@@ -66,13 +66,12 @@ class Sampled(NamedTuple):
     Attributes:
         rows: indices in the seed's buffer of the rows with s, a and r.
         next_rows: indices of the rows with s'.
-        is_last: whether a transition is the last one of its episode; of a `PairBuffer`, only if
-            nothing follows it.
+        is_terminal: whether nothing follows a transition: its value is its reward alone.
     """
 
     rows: NDArray[np.int64]
     next_rows: NDArray[np.int64]
-    is_last: NDArray[np.bool_]
+    is_terminal: NDArray[np.bool_]
 
 
 class ReplayBuffer:
@@ -90,15 +89,13 @@ class ReplayBuffer:
     rows_per_transition = 1
     """Rows of the ring that a transition takes, but for one more row per episode."""
 
-    knows_terminals = False
-    """Whether transitions differ in whether anything follows, also without a time limit."""
-
     def __init__(
         self,
         sizes: Sizes,
         *,
         flush_every: int,
         episode_steps: int,
+        ends_are_terminal: bool = False,
         dtype: torch.dtype = torch.float32,
         device: torch.device | str = "cpu",
     ) -> None:
@@ -107,7 +104,11 @@ class ReplayBuffer:
         Args:
             flush_every: most control steps of each environment between two calls of `flush`.
             episode_steps: control steps of every episode.
+            ends_are_terminal: whether nothing follows the last transition of an episode.
         """
+        self.has_terminals = ends_are_terminal
+        """Whether there are terminal transitions."""
+
         self._episode_steps = episode_steps
         self._capacity = max(sizes.transitions // sizes.environments, 1)
         self._ring = self._span(self._capacity)
@@ -177,7 +178,10 @@ class ReplayBuffer:
         total = self._flushed - self._flushed // (self._episode_steps + 1)
         transitions = generator.integers(max(0, total - self._capacity), total, shape)
         episodes = transitions // self._episode_steps
-        is_last = transitions - episodes * self._episode_steps == self._episode_steps - 1
+        is_terminal = np.zeros(shape, bool)
+        if self.has_terminals:
+            is_terminal = transitions - episodes * self._episode_steps == self._episode_steps - 1
+
         rows = transitions + episodes
         next_rows = rows + 1
         if self._flushed >= self._ring:
@@ -187,7 +191,7 @@ class ReplayBuffer:
             offsets = generator.integers(self._environments, size=shape) * self._ring
             rows = rows + offsets
             next_rows = next_rows + offsets
-        return Sampled(rows, next_rows, is_last)
+        return Sampled(rows, next_rows, is_terminal)
 
     def seed_rows(self, seeds: range) -> Tensor:
         """Returns a view (rows, width) of the buffers of consecutive seeds; see `sample`."""

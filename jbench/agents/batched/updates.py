@@ -12,7 +12,6 @@ from jbench.agents.batched.graphs import Captured
 from jbench.agents.batched.learner import OffPolicyLearner
 from jbench.agents.batched.normalize import RunningStatistics
 from jbench.agents.batched.replay import Batch, ReplayBuffer
-from jbench.names import TimeLimit
 from jbench.settings.algorithms import OffPolicySettings
 
 _MAX_SAMPLED = 1000  # minibatches of pretraining that are sampled at once
@@ -30,7 +29,6 @@ class Updates:
         settings: OffPolicySettings,
         group: Group[OffPolicyLearner[Any]],
         replay: ReplayBuffer,
-        time_limit: TimeLimit,
         *,
         mirror: Tensor | None = None,
         statistics: RunningStatistics | None = None,
@@ -46,7 +44,6 @@ class Updates:
         self._replay = replay
         self._size = settings.batch_size
         self._gamma = settings.gamma
-        self._has_terminals = replay.knows_terminals or time_limit == "terminal"
         self._source = replay.seed_rows(group.seeds)
 
         view = group.learner.view
@@ -133,8 +130,8 @@ class Updates:
             (self._indices, stack([each.rows for each in sampled], seed_rows)),
             (self._next_indices, stack([each.next_rows for each in sampled], seed_rows)),
         ]
-        if self._has_terminals:
-            discounts = [np.where(each.is_last, 0, self._gamma)[..., None] for each in sampled]
+        if self._replay.has_terminals:
+            discounts = [np.where(each.is_terminal, 0, self._gamma)[..., None] for each in sampled]
             samples.append((self._batch.discounts, stack(discounts)))
         if noise.shape[-1]:
             size = (*shape, noise.shape[-1])

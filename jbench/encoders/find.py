@@ -91,7 +91,7 @@ class _Candidate(NamedTuple):
 def _checked_id(results: Results, beginning: str, task: str, accept_changed: bool) -> str:
     """Returns the whole id of an encoder, or a RequestError if a run of a task can't use it."""
     id = results.complete_id("encoder", beginning)
-    described = load_encoder(results, id, accept_changed).description
+    described = load_encoder(results, id, accept_changed, task).description
     if described["task"] == task:
         return id
 

@@ -35,9 +35,14 @@ class LoadedEncoder(NamedTuple):
 
 
 def load_encoder(
-    results: Results | Path | str, id: str, accept_changed: bool = False
+    results: Results | Path | str,
+    id: str,
+    accept_changed: bool = False,
+    task: str | None = None,
 ) -> LoadedEncoder:
     """Returns a finished encoder and its description.
+
+    If there is none, the error lists the encoders of a task, or all of them for None.
 
     Raises:
         RequestError: if the encoder does not exist or is unfinished, or the code of its kind has
@@ -47,7 +52,7 @@ def load_encoder(
     results = results_to_read(results)
     record = results.find("encoder", id)
     if record is None:
-        raise _no_encoder(results, id)
+        raise _no_encoder(results, id, task)
 
     if not record.is_finished:
         command = shell_command(record.manifest.provenance)
@@ -61,13 +66,18 @@ def load_encoder(
         raise WorkError(f"The encoder {id} can't be read ({error}); train it again.") from None
 
 
-def _no_encoder(results: Results, id: str) -> RequestError:
+def _no_encoder(results: Results, id: str, task: str | None) -> RequestError:
     """Returns the error for an encoder that does not exist: those that do, or how to make one."""
-    ids = [record.id for record in results.scan("encoder")[0] if record.is_finished]
+    ids = [
+        record.id
+        for record in results.scan("encoder")[0]
+        if record.is_finished and task in (None, record.settings.get("task"))
+    ]
+    of_task = "" if task is None else f" --task {task}"
     if ids:
         choices = f"there are {', '.join(ids)}"
     else:
-        command = with_results("jbench train-dae", results.name)
+        command = with_results(f"jbench train-dae{of_task}", results.name)
         choices = f"there is none yet: run {command}, or jbench train-encoder for another kind"
 
     typed = kind_in(id)

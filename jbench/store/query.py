@@ -161,10 +161,14 @@ def _answer(
 def _refusal(error: duckdb.Error, tables: Iterable[str], sql: str) -> RequestError:
     """Returns DuckDB's message with the names that the user may have meant."""
     message, *more = str(error).splitlines()
+    missing = re.search(r'column (?:named )?"(\w+)"', message)
+    advice = _advice_on_join(missing[1], sql) if missing else ""
+    if advice:
+        return RequestError(f"{message.rstrip('!')}; {advice}.")
+
     for line in more:
         if line.startswith("Candidate bindings"):
             # DuckDB misses columns that share a word with the missing one, such as steps.
-            missing = re.search(r'column "(\w+)" not found', message)
             words = set(missing[1].lower().split("_")) if missing else set()
             columns = {name for table in named_tables(sql) for name in schema.TABLES[table].names}
             near = [f'"{name}"' for name in sorted(columns) if words & set(name.split("_"))]
@@ -176,6 +180,22 @@ def _refusal(error: duckdb.Error, tables: Iterable[str], sql: str) -> RequestErr
             message += f" {line}"
 
     return RequestError(f"{message} (tables: {', '.join(sorted(tables))}).")
+
+
+def _advice_on_join(column: str, sql: str) -> str:
+    """Returns which table has a column that those of the SQL lack, and how to join it; "" if none.
+
+    It is the table of runs, encoders, datasets or imports, whose rows the others name.
+    """
+    named = named_tables(sql)
+    columns = {name for table in named for name in schema.TABLES[table].names}
+    for table in ("runs", "encoders", "datasets", "imports"):
+        key = table.removesuffix("s")
+        is_joined = key in columns and table not in named
+        if is_joined and column in schema.TABLES[table].names:
+            return f"{column} is a column of {table}: JOIN {table} USING ({key})"
+
+    return ""
 
 
 def to_csv(frame: pd.DataFrame) -> str:

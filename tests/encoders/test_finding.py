@@ -111,12 +111,20 @@ def test_missing_size_is_refused_with_command_to_type(results):
 
 
 def test_unknown_id_is_refused_with_known_ids(results):
-    command = f"jbench train-dae --results {results.path}"
+    command = f"jbench train-dae --task face_direction --results {results.path}"
     assert f"there is none yet: run {command}" in refusal(results, "face_direction/x")
     add(results, "face_direction/dae12/a", "2020")
     assert refusal(results, "face_direction/x").startswith(
         f"No encoder face_direction/x in {results.path}; there are face_direction/dae12/a. A kind"
     )
+
+
+def test_encoders_of_other_tasks_are_not_proposed(results):
+    add(results, "face_direction/dae12/a", "2020")
+    add(results, "move_to_pose/dae3/b", "2021", task="move_to_pose", latents=3)
+    assert "planar? there are face_direction/dae12/a. A kind" in refusal(results, "palnar")
+    none_yet = "there is none yet: run jbench train-dae --task move_in_direction --results"
+    assert none_yet in refusal(results, "palnar", "move_in_direction")
 
 
 @pytest.mark.parametrize(("name", "meant"), [("plannar", "planar"), ("scald", "scaled")])

@@ -95,12 +95,14 @@ def test_error_is_one_line_that_lists_tables():
         ("select sed from runs", 'The nearest columns: "seed". DESCRIBE with a table lists'),
         ("select control_steps from runs", 'The nearest columns: "steps", '),
         ("from runs where algo = td3", "text is in single quotes, such as 'td3'."),
+        ("select seed from episodes", "seed is a column of runs: JOIN runs USING (run)."),
+        ("select e.algo from episodes e", "algo is a column of runs: JOIN runs USING (run)."),
     ],
 )
 def test_error_says_what_to_type_instead(sql, hint):
     rows = pa.table({"run": ["a"], "seed": [0], "algo": ["td3"]})
     with pytest.raises(RequestError) as refusal:
-        run_sql(sql, {"runs": rows})
+        run_sql(sql, {"runs": rows, "episodes": pa.table({"run": ["a"], "episode": [0]})})
     assert hint in str(refusal.value)
 
 

@@ -29,6 +29,20 @@ def seeds_to_compare(matrix: str, max_seeds: int) -> list[int]:
     return list(range(max([max_seeds, *planned])))
 
 
+def _sentence_on_errors(shares: Sequence[float]) -> str:
+    """Returns the sentence on how probable a wrong decision is, given each comparison's share."""
+    rates = dict.fromkeys(f"{share:.2%}" for share in (min(shares), max(shares)))
+    between = " to ".join(rates)
+    if len(shares) == 1:
+        return f"The decision is wrong with a probability of at most {between}."
+
+    return (
+        f"Of all {len(shares)} decisions together one or more are wrong with a probability of at "
+        f"most {ERROR_RATE:.0%}: {between} for each comparison, and more after others have found a "
+        "difference."
+    )
+
+
 def add_seeds_until_decided(
     matrix: str,
     parts: Parts,
@@ -46,13 +60,8 @@ def add_seeds_until_decided(
     chosen = comparisons(parts, read_entries(matrix), typed, max_seeds)
     shares = [comparison.share for comparison in chosen]
     most = max(comparison.max_seeds for comparison in chosen)
-    rates = dict.fromkeys(f"{share:.2%}" for share in (min(shares), max(shares)))
-    output.say(
-        f"Returns are compared after each {BLOCK} seeds, up to {most}. Of all "
-        f"{len(chosen)} decisions together one or more are wrong with a probability of at most "
-        f"{ERROR_RATE:.0%}: {' to '.join(rates)} for each comparison, and more after others have "
-        "found a difference."
-    )
+    errors = _sentence_on_errors(shares)
+    output.say(f"Returns are compared after each {BLOCK} seeds, up to {most}. {errors}")
     tried = set[str]()
     while True:  # an interim analysis of all comparisons
         reached = outcomes(chosen, cells, results)

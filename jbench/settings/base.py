@@ -129,6 +129,7 @@ _PLAIN = {
     "Value error, ": "",
     "Input should": "it should",
     "Tuple should": "it should",
+    "a valid integer": "a whole number",
     "a valid tuple": "a list in brackets",
     "a valid array": "a list in brackets",
     " after validation": "",
@@ -191,6 +192,8 @@ def _refusal(error: ValidationError, kind: type[BaseModel], whose: str, noun: st
     for words, plain in _PLAIN.items():
         message = message.replace(words, plain)
 
+    if first["type"] == "int_type" and isinstance(first["input"], str):
+        message += " such as 10000"
     if first["type"] == "model_type":
         message = f"it is a table: write [{title}] and its keys below it"
     if title:

@@ -268,6 +268,22 @@ def test_each_seed_has_its_own_encoder_if_the_matrix_says_so(read, results):
     assert last.decision.spent == pytest.approx(0.05)
 
 
+@pytest.mark.parametrize(
+    ("asked", "sentence"),
+    [
+        (["random2"], "The decision is wrong with a probability of at most 5.00%."),
+        ([], "Of all 2 decisions together one or more are wrong with a probability of at most 5%:"),
+    ],
+)
+def test_error_rate_of_one_or_of_several_decisions_is_said(
+    matrix, results, cells, asked, sentence, run_command
+):
+    file = results.path.parent / "small.toml"
+    typed = ("sweep", file, "--until-decided", *asked, "--max-seeds", 10, "--dry-run")
+    code, printed, _ = run_command(*typed, results=results.path)
+    assert (code, sentence in " ".join(printed.split())) == (0, True)
+
+
 @pytest.mark.slow
 def test_sweep_adds_seeds_until_decided_and_repeating_adds_none(results, cells):
     # One real run of a tiny agent, whose returns cannot reach those of full.
@@ -289,7 +305,7 @@ def test_sweep_adds_seeds_until_decided_and_repeating_adds_none(results, cells):
     assert decided["high"] < 0
     assert "Comparisons decided: 0 of 1" in printed.stderr
     assert "Comparisons decided: 1 of 1" in printed.stderr
-    assert "at most 5%: 5.00% for each comparison" in printed.stderr
+    assert "The decision is wrong with a probability of at most 5.00%." in printed.stderr
     runs = list(results.path.rglob("random2/*/manifest.json"))
 
     assert json.loads(typed().stdout)["comparisons"] == [decided]

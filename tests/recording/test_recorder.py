@@ -429,7 +429,10 @@ def test_saved_layers_equal_torch():
         ({"algo": "a/b"}, "algo of the run can't be 'a/b'"),
         ({"evaluate_episodes": 10**15 + 1}, "it should be less than or equal to 1000000000000000"),
         ({"steps": 40}, "No episode would end in 40 control steps"),
-        ({"steps": "1k"}, "steps of the run can't be '1k': it should be a valid integer"),
+        (
+            {"steps": "1k"},
+            "steps of the run can't be '1k': it should be a whole number such as 10000.",
+        ),
         ({"encoder": "ofe12"}, "learned together with jbench's own agents"),
         ({"hyperparameters": [1]}, "hyperparameters is [1]: type a dictionary"),
         ({"hyperparameters": {1: 2}}, "is {1: 2}: type a dictionary of values by name"),

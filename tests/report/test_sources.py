@@ -235,6 +235,13 @@ class TestCompare:
         with pytest.raises(RequestError, match=printed):
             Frames(both, validated(Request, "the report", compare=compare))
 
+    def test_settings_of_no_runs_are_refused(self, fabric):
+        sides = ("tau=0.5", "tau=0.25")
+        with pytest.raises(
+            RequestError, match=r"^No run has a setting 'tau': there are no runs\.$"
+        ):
+            Frames(fabric.results, Request(compare=sides))
+
     @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere all names are Unicode")
     def test_directory_whose_name_is_not_unicode_is_compared(self, fabric, tmp_path):
         fabric.run(FLAT, 0)

@@ -71,6 +71,9 @@ def _named_values(settings: str) -> set[tuple[str, str]]:
 
 def _unknown(name: str, known: Collection[str]) -> RequestError:
     """Returns the error for a setting that no run has; it lists the known names."""
+    if not known:
+        return RequestError(f"No run has a setting {name!r}: there are no runs.")
+
     # Only settings of the same name in two tables need the name of the table.
     short = [key for key in known if "." not in key or key.rpartition(".")[2] not in known]
     close = closest(name, sorted(known))

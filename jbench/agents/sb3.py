@@ -11,6 +11,7 @@ from stable_baselines3 import DDPG, PPO, SAC, TD3
 from stable_baselines3.common import noise
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.logger import Logger
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.torch_layers import FlattenExtractor
 from stable_baselines3.common.type_aliases import TrainFreq, TrainFrequencyUnit
@@ -32,14 +33,33 @@ _THEIR_NAMES = {"entropy_coefficient": "ent_coef", "policy_loss": "policy_gradie
 """Names of losses in stable-baselines3's log that are not those of the database."""
 
 
-class _DDPGWithPolicyWarmup(DDPG):
-    """DDPG that acts by its policy, not uniformly, before learning starts."""
+class _PolicyWarmup(OffPolicyAlgorithm):
+    """Acts by its policy, not uniformly, before learning starts."""
 
     def _sample_action(
         self, learning_starts: int, action_noise: Any = None, n_envs: int = 1
     ) -> tuple[np.ndarray, np.ndarray]:
         """Samples by the policy and its noise from the first step on."""
         return super()._sample_action(0, action_noise, n_envs)
+
+
+class _DDPGWithPolicyWarmup(_PolicyWarmup, DDPG):
+    """DDPG whose first actions are its policy's."""
+
+
+class _SACWithPolicyWarmup(_PolicyWarmup, SAC):
+    """SAC whose first actions are drawn from its policy."""
+
+
+class _TD3WithPolicyWarmup(_PolicyWarmup, TD3):
+    """TD3 whose first actions are its policy's."""
+
+
+_WITH_POLICY_WARMUP: dict[str, type[BaseAlgorithm]] = {
+    "ddpg": _DDPGWithPolicyWarmup,
+    "sac": _SACWithPolicyWarmup,
+    "td3": _TD3WithPolicyWarmup,
+}
 
 
 def check(name: str, settings: Mapping[str, Any], sizes: tuple[int, int], count: int) -> None:
@@ -143,8 +163,8 @@ def _ours(algo: str, settings: AlgorithmSettings, shape: Any) -> tuple[Any, dict
             given: Any = {"theta": settings.noise_theta, "dt": settings.noise_dt}
             arguments["action_noise"] = noise.OrnsteinUhlenbeckActionNoise(mean, sigma, **given)
 
-        if algo == "ddpg" and not settings.uniform_warmup:
-            kind = _DDPGWithPolicyWarmup
+        if not settings.uniform_warmup:
+            kind = _WITH_POLICY_WARMUP[algo]
 
     net_arch = {"pi": layers, "vf" if algo == "ppo" else "qf": layers}
     return kind, {**arguments, "policy_kwargs": {"net_arch": net_arch, "activation_fn": "ReLU"}}

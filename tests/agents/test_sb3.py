@@ -68,6 +68,20 @@ def test_actions_before_learning_starts_are_uniform_or_of_policy():
     np.testing.assert_array_equal(action, ddpg.predict(ddpg._last_obs, deterministic=True)[0])
 
 
+@pytest.mark.parametrize("algo", ["ddpg", "td3", "sac"])
+def test_actions_before_learning_starts_are_of_the_policy_if_so_set(algo):
+    agent = build(algo, uniform_warmup=False, action_noise="none", learning_starts=100)
+    agent._setup_learn(1000)
+    seen = agent._last_obs
+    drawn = algo == "sac"
+
+    torch.manual_seed(3)
+    action, _ = agent._sample_action(agent.learning_starts, agent.action_noise, 1)
+
+    torch.manual_seed(3)
+    np.testing.assert_array_equal(action, agent.predict(seen, deterministic=not drawn)[0])
+
+
 @pytest.mark.parametrize("algo", sb3.CLASSES)
 def test_saved_policy_is_copy_that_equals_agent(algo):
     agent = build(algo, hidden_layers=[24, 16])

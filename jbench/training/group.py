@@ -1,6 +1,7 @@
 """Trains runs in one engine, and commits their rows and checkpoints."""
 
 from collections.abc import Sequence
+from contextlib import ExitStack
 
 import numpy as np
 
@@ -49,8 +50,13 @@ class TrainingGroup:
         runs = [member.settings for member in members]
         encoders = [member.encoder for member in members]
         self._engine = make_trainer(runs, encoders, device)
-        if members[0].checkpoint is not None:
+        if members[0].checkpoint is None:
+            return
+
+        with ExitStack() as stack:
+            stack.enter_context(self._engine)  # closes it if it can't be restored
             self._restore()
+            stack.pop_all()
 
     def train(self, until: int | None) -> None:
         """Trains to a control step (None: to the end), or until all runs have failed."""

@@ -12,6 +12,8 @@ import pytest
 import safetensors.torch
 import torch
 
+from jbench.agents.batched.off_policy import OffPolicyEngine
+from jbench.agents.environments import Environments
 from jbench.store import Results
 from jbench.training import log, replay_pieces
 from jbench.training.batched_run import run_batch
@@ -49,6 +51,27 @@ def test_first_episode_is_committed_at_once(tmp_path):
     runs = [settings("td3", 1, steps=400)]
     stop_at(tmp_path, runs, 199, checkpoint_every=1000)
     assert only(tmp_path, runs[0]).rows("episodes") == 1
+
+
+def test_run_that_is_not_restored_leaves_no_open_environments(tmp_path, monkeypatch):
+    run = settings("td3", 1, steps=400)
+    stop_at(tmp_path, [run], 150)
+    closed = []
+    close = Environments.close
+
+    def fail(engine, states):
+        assert closed == []
+        raise OSError("no state")
+
+    def note(environments):
+        closed.append(environments)
+        close(environments)
+
+    monkeypatch.setattr(OffPolicyEngine, "restore", fail)
+    monkeypatch.setattr(Environments, "close", note)
+    (error,) = run_batch([run], Results(tmp_path)).values()
+    assert str(error) == "no state"
+    assert len(closed) == 1
 
 
 def only(path, run):

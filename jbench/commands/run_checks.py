@@ -38,7 +38,7 @@ def check_runs(runs: Sequence[RunSettings], keep_state: KeepState, device: str |
             sentences.append(f"a run of {run.steps:,} control steps ends after {end:,}, {where}.")
 
         first = run.algorithm.first_update
-        if end < first:
+        if end < first or (end == first and _ends_with_evaluation(run)):
             sentences.append(
                 f"{run.algo} first updates its networks after {first:,} control "
                 f"steps, so a run of {run.steps:,} learns nothing; raise --steps, or lower that "
@@ -48,6 +48,14 @@ def check_runs(runs: Sequence[RunSettings], keep_state: KeepState, device: str |
 
     for sentence in dict.fromkeys(sentences):
         output.warn(sentence)
+
+
+def _ends_with_evaluation(run: RunSettings) -> bool:
+    """Returns whether an evaluation is due at the last control step, before its updates.
+
+    That is, whether a multiple of `evaluate_every` was passed since the control step before.
+    """
+    return run.last_step % run.evaluate_every < run.environments
 
 
 def _warn_of_slow_bfloat16() -> None:

@@ -6,7 +6,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from jbench.names import EngineName, Precision
 from jbench.representation_names import OFE, kind_in
-from jbench.settings.algorithms import SETTINGS, Algorithm, Foreign
+from jbench.settings.algorithms import SETTINGS, Algorithm, Foreign, ForeignRule
 from jbench.settings.base import omissible, validated
 from jbench.settings.engines import ENGINES
 from jbench.settings.records import LABEL, OFESettings, TrainedSettings
@@ -160,7 +160,8 @@ class RunSettings(TrainedSettings):
         """The settings of the algorithm; of another package's, only their names are checked."""
         kind = SETTINGS.get(self.algo)
         if kind is None:
-            return Foreign(hyperparameters=self.hyperparameters)
+            foreign = ForeignRule if self.engine == "batched" else Foreign
+            return foreign(hyperparameters=self.hyperparameters)
         return validated(kind, self.algo, **self.hyperparameters)
 
     @property

@@ -85,7 +85,8 @@ def request_runs(
 
     fields["time_limit"] = fields.get("time_limit") or default_time_limit(base)
     algorithm = algorithm_fields(algo, engine, base, algorithm_changes, task)
-    if "encoder" in fields and algorithm["hyperparameters"].get("mirror"):
+    is_mirrored = algorithm["engine"] == "batched" and algorithm["hyperparameters"].get("mirror")
+    if "encoder" in fields and is_mirrored:
         input_mirror(task, load_encoder(results, fields["encoder"], accept_changed).encoder)
 
     fields["specs"] = find_task(task).specs

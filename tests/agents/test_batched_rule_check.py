@@ -124,6 +124,16 @@ class ByName(TD3):
         super().__init__(settings, observation_size, action_size)
 
 
+class OfAnyArguments(TD3):
+    def __init__(self, *arguments, **named):
+        super().__init__(*arguments, **named)
+
+
+class ByPosition(TD3):
+    def __init__(self, *arguments):
+        super().__init__(*arguments)
+
+
 class Forgetful(TD3):
     def __init__(self, settings, observation_size, action_size):
         super().__init__(settings, observation_size)
@@ -132,7 +142,9 @@ class Forgetful(TD3):
 def test_rule_for_one_action_is_refused_for_six():
     rule = with_actor(FIRST, LAST)
     assert checked_rule(rule, TD3_SETTINGS, SIZE, 1).action_size == 1
-    assert checked_rule(ByName, TD3_SETTINGS, SIZE, 6).action_size == 6
+    for taking in (ByName, OfAnyArguments, ByPosition):
+        for actions in (1, 6):
+            assert checked_rule(taking, TD3_SETTINGS, SIZE, actions).action_size == actions
     with pytest.raises(RequestError, match="Faulty is for tasks with one action, and this t"):
         checked_rule(rule, TD3_SETTINGS, SIZE, 6)
     for rule, sentence in (

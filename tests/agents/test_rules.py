@@ -7,6 +7,12 @@ import jbench
 from jbench.agents.algorithms import algorithm_fields
 from jbench.agents.batched.replay import Batch
 from jbench.errors import RequestError
+from jbench.settings.algorithms import ForeignRule
+from jbench.settings.run import RunSettings
+from jbench.store import Results
+from jbench.tasks.find import find_task
+from jbench.training.continuation import check_state_can_be_kept
+from jbench.training.engines import learning_share
 from tests.agents.batched_oracle import (
     SIZE,
     build_learner,
@@ -25,8 +31,11 @@ from tests.agents.test_plain_updates import (
     paired_layers,
     transitions,
 )
+from tests.agents.test_plugin_engine import RandomAgent
+from tests.demo_results import ENCODER
 from tests.documentation import code_of
 from tests.matrices import diagonal
+from tests.training.small_runs import requested
 
 RULES = {"ddpg": jbench.rules.DDPG, "td3": jbench.rules.TD3, "sac": jbench.rules.SAC}
 CASES = [
@@ -173,3 +182,57 @@ def test_rule_takes_the_sources_of_its_algorithm_only():
     assert fields["hyperparameters"]["hidden_layers"] == [300, 300, 300]
     with pytest.raises(RequestError, match=r"no settings script for jbench.rules:SAC: it has pub"):
         algorithm_fields("jbench.rules:SAC", base="script")
+
+
+@pytest.mark.parametrize("environments", [None, 3])
+def test_rule_of_a_user_has_the_rollouts_of_its_settings(environments, tmp_path):
+    schedule = {"train_freq": 300, "learning_starts": 400, "gradient_steps": 300}
+    ours, theirs = (
+        requested(Results(tmp_path), schedule, algo=algo).model_copy(
+            update={"parallel": environments}
+        )
+        for algo in ("td3", "jbench.rules:TD3")
+    )
+    assert (theirs.rollout, theirs.last_step, theirs.algorithm.first_update) == (300, 1200, 600)
+    assert (ours.rollout, ours.last_step, ours.algorithm.first_update) == (300, 1200, 600)
+    assert learning_share(ours) == learning_share(theirs) == 0.75
+    assert theirs.algorithm.knows_rollouts
+
+
+def test_state_of_a_rule_that_ends_within_an_episode_is_refused_at_once():
+    task = "dmc:cartpole-swingup"
+    assert not find_task(task).has_state_within_episode
+    fields = algorithm_fields("jbench.rules:TD3", overrides={"train_freq": 300}, task=task)
+    lengths = {"steps": 1000, "evaluate_every": 1000, "evaluate_episodes": 1}
+    run = RunSettings(task=task, specs=find_task(task).specs, seed=0, **lengths, **fields)
+    with pytest.raises(RequestError, match="last control step is the 1,200th; type --steps 3000"):
+        check_state_can_be_kept([run])
+
+
+def test_rule_with_odd_times_of_updates_in_its_record_can_be_read():
+    for odd in (0, -1, True, "often", 10**30, None):
+        settings = ForeignRule(hyperparameters={"train_freq": odd, "learning_starts": odd})
+        assert settings.rollout(1) == (10**30 if odd == 10**30 else 1)
+
+
+def test_only_rules_have_the_mirror_of_the_engine(tmp_path, demo_results):
+    """The agent's argument is a word of its own."""
+    specs = find_task("tests.odd_tasks:Fragile").specs
+    about = {"task": "tests.odd_tasks:Fragile", "specs": specs, "seed": 0, "steps": 100}
+    about |= {"evaluate_every": 100, "evaluate_episodes": 1, "hyperparameters": {"mirror": "left"}}
+    agent = RunSettings(**about, engine="plugin", algo="own:Agent")
+    assert not agent.algorithm.is_mirrored
+    with pytest.raises(ValueError, match="no mirror image is known of"):
+        RunSettings(**about, engine="batched", algo="own:Rule")
+
+    run = requested(demo_results, {"mirror": "left"}, f"{__name__}:Mirrored", ENCODER)
+    assert (run.engine, run.hyperparameters) == ("plugin", {"mirror": "left"})
+    with pytest.raises(RequestError, match="mirror"):
+        requested(demo_results, {"mirror": True}, "jbench.rules:TD3", ENCODER)
+
+
+class Mirrored(RandomAgent):
+    """An agent with an argument that is called as one of the batched engine."""
+
+    class Settings(jbench.AgentSettings):
+        mirror: str = "right"

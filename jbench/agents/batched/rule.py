@@ -115,10 +115,16 @@ def make_rule(
         RequestError: if it is for actions of size 1, and the task's are larger.
         WorkError: if a network with a target does not exist.
     """
-    if "action_size" in inspect.signature(kind).parameters:
+    arguments = inspect.signature(kind).parameters
+    forms = {argument.kind for argument in arguments.values()}
+    if "action_size" in arguments:
         rule = kind(settings, observation_size, action_size=action_size)
     elif action_size == 1:
         rule = kind(settings, observation_size)
+    elif inspect.Parameter.VAR_KEYWORD in forms:
+        rule = kind(settings, observation_size, action_size=action_size)
+    elif inspect.Parameter.VAR_POSITIONAL in forms:
+        rule = kind(settings, observation_size, action_size)
     else:
         raise RequestError(
             f"The rule {kind.__name__} is for tasks with one action, and this task has "

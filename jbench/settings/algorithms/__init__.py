@@ -22,7 +22,7 @@ from jbench.settings.algorithms.by_name import (
     display_name,
 )
 from jbench.settings.algorithms.ddpg import DDPGSettings
-from jbench.settings.algorithms.foreign import Foreign
+from jbench.settings.algorithms.foreign import Foreign, ForeignRule
 from jbench.settings.algorithms.ppo import PPOSettings
 from jbench.settings.algorithms.sac import SACSettings
 from jbench.settings.algorithms.td3 import TD3Settings
@@ -35,6 +35,7 @@ __all__ = [
     "DDPGSettings",
     "DeterministicSettings",
     "Foreign",
+    "ForeignRule",
     "Initialization",
     "OffPolicySettings",
     "PPOSettings",

@@ -32,7 +32,10 @@ class Algorithm(Settings):
 
     @property
     def first_update(self) -> int:
-        """Control steps before the first update, with one environment; 0 if unknown."""
+        """Control steps before the first update, with one environment; 0 if unknown.
+
+        An evaluation that is due at this control step is made before the update.
+        """
         return 0
 
     @property

@@ -4,6 +4,7 @@ Features of the observation, which are an option too, have a form of their own; 
 `jbench.encoders.features`.
 """
 
+import contextlib
 import json
 import re
 from collections.abc import Mapping
@@ -51,12 +52,19 @@ def options_from_name(match: re.Match[str], task: str) -> dict[str, Any] | None:
     for name, value in _OPTION.findall(match["options"] or ""):
         if name == _HASHED_OPTIONS:
             return None
-        try:
+        options[name] = value
+        if may_be_hash(value) and not value.isdecimal():
+            continue  # 1234e567 is no number, since names have none with an exponent
+
+        with contextlib.suppress(ValueError):
             options[name] = json.loads(value)
-        except ValueError:
-            options[name] = value
 
     return options
+
+
+def may_be_hash(value: Any) -> bool:
+    """Returns whether the value of an option in a name can be the hash of another value."""
+    return re.fullmatch(r"[0-9a-f]{8}", str(value)) is not None
 
 
 def as_typed(value: Any) -> str:

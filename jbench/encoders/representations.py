@@ -3,11 +3,12 @@
 `REPRESENTATION` is the form of these names; `EncoderSettings.representation` writes them.
 """
 
+from collections.abc import Mapping
 from typing import Any
 
 from jbench import plugins
-from jbench.encoders.option_names import SCALES, options_from_name
-from jbench.encoders.registry import kind_names, latent_sizes
+from jbench.encoders.option_names import SCALES, may_be_hash, options_from_name
+from jbench.encoders.registry import kind_names, latent_sizes, make_kind
 from jbench.encoders.settings import EncoderSettings, wrong_size
 from jbench.errors import RequestError
 from jbench.names import EncoderBase
@@ -17,6 +18,7 @@ from jbench.representation_names import REPRESENTATION
 def named_encoder(name: str, task: str) -> EncoderSettings | None:
     """Returns settings that a representation asks for; None for other names, such as an id.
 
+    None is also the answer for names that have hashes of options, which don't say what to make.
     Their options are those in the name, and their dataset and seed are not those of any. The name
     is KIND:LATENTS, KINDLATENTS, or KIND if the task determines the size; what is not the default
     follows, as in dae12-observation-whitened.
@@ -44,7 +46,7 @@ def named_encoder(name: str, task: str) -> EncoderSettings | None:
         if match["base"]:
             base = "script"
 
-    if given is None:
+    if given is None or _has_hashed_value(kind, given):
         return None
 
     sizes = latent_sizes(kind, task, given)
@@ -67,6 +69,23 @@ def named_encoder(name: str, task: str) -> EncoderSettings | None:
         base=base,
         named=sorted(option for option in given if option not in ("features", *SCALES)),
     )
+
+
+def _has_hashed_value(kind: str, options: Mapping[str, Any]) -> bool:
+    """Returns whether a kind refuses values that may be hashes, such as that of [32, 32] or -0.5.
+
+    Raises a RequestError if it refuses another value.
+    """
+    plain = {name: value for name, value in options.items() if not may_be_hash(value)}
+    if plain == options:
+        return False
+
+    make_kind(kind, plain)
+    try:
+        make_kind(kind, options)
+    except RequestError:
+        return True
+    return False
 
 
 def _no_such_size(problem: str, kind: str, sizes: range, endings: str) -> RequestError:

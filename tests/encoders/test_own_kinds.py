@@ -1,13 +1,16 @@
 """Tests of kinds of users: hand-made numbers, trained torch modules, and mistakes in both."""
 
+import re
 import sys
+from importlib.metadata import EntryPoint
 
 import numpy as np
 import pytest
 import torch
 
 from jbench import sources
-from jbench.encoders import find_draws, load_encoder
+from jbench.encoders import find_draws, load_encoder, registry, training
+from jbench.encoders.find import find_encoder
 from jbench.encoders.registry import find_kind, latent_sizes
 from jbench.encoders.settings import encoder_settings
 from jbench.encoders.states import States
@@ -47,6 +50,17 @@ class Texts:
     pass
 """
 
+SHIFTED = """
+from jbench.encoders.kind import Fitted
+
+class Shifted(Fitted):
+    shift: float = 0.0
+    chosen: list[int] = [0, 1]
+
+    def encode(self, weights, scaled):
+        return scaled[..., self.chosen] + self.shift
+"""
+
 CHOOSING = """
 import torch
 from jbench.encoders.pretrained import TorchEncoder
@@ -75,7 +89,7 @@ class Choosing(TorchEncoder):
 def mine(tmp_path, monkeypatch):
     """The module `mine` with both examples of the page, and mistakes; the file of a module."""
     parts = ("class Motions", "class MyVAE")
-    code = "\n".join([*(code_of(PAGE, "python", part) for part in parts), MISTAKES, CHOOSING])
+    code = "\n".join([*(code_of(PAGE, "python", part) for part in parts), MISTAKES, SHIFTED, CHOOSING])
     (tmp_path / "mine.py").write_text(code)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
@@ -136,6 +150,25 @@ def test_integers_and_booleans_of_a_module_are_its_own_type(mine, trained, resul
     np.testing.assert_array_equal(encoder.encode(seen), seen[:, [7, 5]])
     tensors = encoder.encode(torch.from_numpy(seen).double())
     np.testing.assert_array_equal(tensors, seen[:, [7, 5]])
+
+
+@pytest.mark.parametrize("options", [{"shift": -0.5}, {"chosen": [7, 2, 5]}])
+def test_installed_kind_is_found_by_a_name_with_a_hashed_option(
+    mine, trained, results, monkeypatch, options
+):
+    point = EntryPoint("mine", "mine:Shifted", "jbench.encoders")
+    monkeypatch.setattr(registry, "offered_kinds", lambda: {"mine": point})
+    monkeypatch.setattr(registry, "code_provenance", lambda kind: {})
+    monkeypatch.setattr(training, "code_provenance", lambda kind: {})
+    record = made("mine", trained, results, **options)
+    name = record.path.parent.name
+    assert re.fullmatch(r"mine[23]-(shift|chosen)-[0-9a-f]{8}", name)
+    assert find_encoder(results, name, TASK) == record.id
+
+    with pytest.raises(RequestError, match=f"No encoder mine2-shift-0123456f in .*{record.id}"):
+        find_encoder(results, "mine2-shift-0123456f", TASK)
+    with pytest.raises(RequestError, match="shift of mine can't be 'far'"):
+        find_encoder(results, "mine2-shift-far", TASK)
 
 
 def test_encoder_of_an_edited_file_is_refused(mine, trained, results, tmp_path):

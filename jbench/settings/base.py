@@ -4,11 +4,12 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails
 
 from jbench.errors import RequestError
 from jbench.names import MAX_COUNT, MAX_SEED
@@ -142,7 +143,7 @@ def validated(kind: type[_Model], whose: str, /, **values: object) -> _Model:
     try:
         return kind(**values)
     except ValidationError as error:
-        raise _refusal(error, kind, whose, "key") from None
+        raise _refusal(error, kind, whose, "key", values) from None
 
 
 def settings_with(
@@ -161,14 +162,22 @@ def settings_with(
     try:
         return kind.model_validate_json(json.dumps(given, default=repr))
     except ValidationError as error:
-        raise _refusal(error, kind, name, noun) from None
+        raise _refusal(error, kind, name, noun, given) from None
 
 
-def _refusal(error: ValidationError, kind: type[BaseModel], whose: str, noun: str) -> RequestError:
+def _refusal(
+    error: ValidationError,
+    kind: type[BaseModel],
+    whose: str,
+    noun: str,
+    values: Mapping[str, object],
+) -> RequestError:
     """Returns an error whose message names the first invalid setting; see `settings_with`."""
     # An unknown name explains the other errors: it was meant to be another one.
-    first = min(error.errors(), key=lambda detail: detail["type"] != "extra_forbidden")
-    *tables, name = [str(part) for part in first["loc"]] or [""]
+    details = error.errors()
+    first = min(details, key=lambda detail: detail["type"] != "extra_forbidden")
+    location = _location(first, values)
+    *tables, name = location or [""]
     if first["type"] == "extra_forbidden":
         for table in tables:
             kind = kind.model_fields[table].annotation  # type: ignore[assignment]
@@ -188,15 +197,63 @@ def _refusal(error: ValidationError, kind: type[BaseModel], whose: str, noun: st
     if first["type"] == "missing":
         return RequestError(f"the {noun} {title} of {whose} is missing: give it a value.")
 
-    message = first["msg"].rstrip(".")
-    for words, plain in _PLAIN.items():
-        message = message.replace(words, plain)
+    # Of a value of several types, there is an error for each type.
+    of_types = [each for each in details if _location(each, values) == location]
+    message = _joined([_plain_message(each) for each in of_types])
 
-    if first["type"] == "int_type" and isinstance(first["input"], str):
-        message += " such as 10000"
     if first["type"] == "model_type":
         message = f"it is a table: write [{title}] and its keys below it"
     if title:
         message = f"{title} of {whose} can't be {first['input']!r}: {message}"
 
     return RequestError(f"{message}.")
+
+
+def _location(detail: ErrorDetails, values: Mapping[str, object]) -> list[str]:
+    """Returns the keys and indices that lead to an invalid value.
+
+    The location of an error also has names of types, such as `constrained-float`, where a value may
+    be of several types; these are no keys of what was given.
+    """
+    *_, last = detail["loc"] or ("",)
+    location = list[str]()
+    here: Any = values
+    for part in detail["loc"]:
+        if _has(here, part):
+            here = here[part]
+        elif not location or isinstance(part, int):
+            here = None
+        else:
+            continue
+        location.append(str(part))
+
+    if detail["type"] == "missing" and location[-1:] != [str(last)]:
+        location.append(str(last))
+    return location
+
+
+def _has(value: Any, part: int | str) -> bool:
+    """Returns whether a value has a key, or an index."""
+    if isinstance(value, Mapping):
+        return part in value
+    return isinstance(value, list | tuple) and isinstance(part, int) and part < len(value)
+
+
+def _plain_message(detail: ErrorDetails) -> str:
+    """Returns the message of an error in the words of settings."""
+    message = detail["msg"].rstrip(".")
+    for words, plain in _PLAIN.items():
+        message = message.replace(words, plain)
+
+    if detail["type"] == "int_type" and isinstance(detail["input"], str):
+        message += " such as 10000"
+    return message
+
+
+def _joined(messages: Sequence[str]) -> str:
+    """Returns messages as one: it should be a valid number, or 'auto'."""
+    first, *others = dict.fromkeys(messages)
+    should = "it should be "
+    if all(message.startswith(should) for message in (first, *others)):
+        others = [message.removeprefix(should) for message in others]
+    return ", or ".join([first, *others])

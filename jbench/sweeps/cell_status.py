@@ -158,7 +158,10 @@ def forecast(statuses: Sequence[CellStatus], jobs: int) -> str | None:
 
     parts = [(status.evaluating, status.seconds_left or 0.0) for status in statuses]
     share = sum(part * time for part, time in parts) / sum(time for _, time in parts)
-    most = " Evaluations take most of it; --evaluate-episodes makes them shorter."
+    most = (
+        " Evaluations take most of it; fewer --evaluate-episodes (in a matrix file, the key "
+        "episodes of [evaluation]) make them shorter."
+    )
 
     return (
         f"This takes about {duration(seconds)}: {counted(len(runs), 'run')}, {steps:,} control "
@@ -175,6 +178,7 @@ def memory_sentence(runs: Sequence[RunSettings], device: str = "cpu") -> str | N
     """
     needed = 0
     most = 0
+    algo = ""  # of the largest buffer
     for run in runs:
         capacity = run.replay_capacity
         if capacity is None:
@@ -185,7 +189,9 @@ def memory_sentence(runs: Sequence[RunSettings], device: str = "cpu") -> str | N
         row = 4 * (task.observation_size + task.action_size + 1)
         rows = buffer_class(ends_early=task.ends_early).rows_per_transition
         needed += row * rows * transitions
-        most = max(most, transitions)
+        if transitions > most:
+            most = transitions
+            algo = run.algo
 
     if needed < _MIN_REPORTED:
         return None
@@ -202,7 +208,8 @@ def memory_sentence(runs: Sequence[RunSettings], device: str = "cpu") -> str | N
 
     return (
         f"{text}, and {free / 1e9:.1f} GB are free here: for less, fewer --seeds at a time, or "
-        f"--set buffer_size={int(most * free / needed / 2)}."
+        f"--set buffer_size={int(most * free / needed / 2)} (in a matrix file, the same key of "
+        f"[hyperparameters.{algo}])."
     )
 
 

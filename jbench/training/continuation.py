@@ -80,7 +80,10 @@ def _new_beginning(run: RunSettings, results: Results) -> tuple[int, str] | None
         return same[0].settings["steps"], reason
     if kept:
         every = kept[0].settings["evaluate_every"]
-        reason = f"evaluations have another distance; type --evaluate-every {every}"
+        reason = (
+            f"evaluations have another distance; type --evaluate-every {every} (in a matrix file, "
+            f"every = {every} of [evaluation])"
+        )
         return kept[0].settings["steps"], reason
     return None
 

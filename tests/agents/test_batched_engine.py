@@ -403,5 +403,6 @@ def test_out_of_memory_error_names_option(monkeypatch):
         raise torch.OutOfMemoryError("CUDA out of memory.")
 
     monkeypatch.setattr("jbench.agents.batched.pair_buffer.ReplayBuffer", full)
-    with pytest.raises(WorkError, match=r"replay buffers of 3 seeds: type fewer --seeds at a time"):
+    with pytest.raises(WorkError, match="replay buffers of 3 seeds: type fewer --seeds") as error:
         build_engine("ddpg", [0, 1, 2])
+    assert "(in a matrix file, a key of [hyperparameters.ALGORITHM])" in str(error.value)

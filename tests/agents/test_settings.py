@@ -293,6 +293,27 @@ def test_invalid_override_is_refused(typed, message):
         algorithm_settings("ddpg", overrides=parse_overrides(typed.split()))
 
 
+@pytest.mark.parametrize(
+    ("typed", "message"),
+    [
+        ("ent_coef=foo", "ent_coef of sac can't be 'foo': it should be a valid number, or 'auto'."),
+        (
+            "ent_coef=-1",
+            "ent_coef of sac can't be -1: it should be greater than or equal to 0, or 'auto'.",
+        ),
+        (
+            "target_entropy=[1]",
+            "target_entropy of sac can't be [1]: it should be a valid number, or 'auto'.",
+        ),
+        ("hidden_layers=[64,-1]", "hidden_layers.1 of sac can't be -1: it should be greater than "),
+    ],
+)
+def test_refusal_of_a_value_names_each_type_that_it_may_have(typed, message):
+    with pytest.raises(RequestError) as refused:
+        algorithm_settings("sac", overrides=parse_overrides([typed]))
+    assert str(refused.value).startswith(message)
+
+
 def test_whole_number_may_be_typed_as_float(tmp_path):
     def run(*typed):
         return requested(Results(tmp_path), parse_overrides(list(typed)), encoder="ofe12")

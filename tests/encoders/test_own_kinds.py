@@ -89,7 +89,8 @@ class Choosing(TorchEncoder):
 def mine(tmp_path, monkeypatch):
     """The module `mine` with both examples of the page, and mistakes; the file of a module."""
     parts = ("class Motions", "class MyVAE")
-    code = "\n".join([*(code_of(PAGE, "python", part) for part in parts), MISTAKES, SHIFTED, CHOOSING])
+    blocks = [code_of(PAGE, "python", part) for part in parts]
+    code = "\n".join([*blocks, MISTAKES, SHIFTED, CHOOSING])
     (tmp_path / "mine.py").write_text(code)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)

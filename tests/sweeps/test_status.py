@@ -229,7 +229,10 @@ def test_forecast_sums_steps_and_time_over_cells(tmp_path):
     # 60% and 50% of the same time are 55%.
     shares = zip(statuses, (0.6, 0.5), strict=True)
     evaluating = [status._replace(evaluating=share) for status, share in shares]
-    assert "time. Evaluations take most of it; --evaluate-ep" in forecast(evaluating, 2)
+    assert forecast(evaluating, 2).endswith(
+        "time. Evaluations take most of it; fewer --evaluate-episodes (in a matrix file, the key "
+        "episodes of [evaluation]) make them shorter."
+    )
     assert forecast([statuses[0]._replace(seconds_left=None)], 2) is None
 
 

@@ -191,10 +191,12 @@ def test_new_beginning_is_explained_in_one_sentence(tmp_path):
 def test_kept_state_with_other_evaluations_is_named_with_the_option_to_type(tmp_path):
     (run,) = lengths("ddpg", 100)
     train(tmp_path, [run])
-    more = {"steps": 200, "evaluate_every": run.evaluate_every + 50}
+    every = run.evaluate_every
+    more = {"steps": 200, "evaluate_every": every + 50}
     assert list(new_beginnings([run.model_copy(update=more)], Results(tmp_path))) == [
         "1 run trains from the beginning, not from the end of a finished run of 100 control steps: "
-        f"evaluations have another distance; type --evaluate-every {run.evaluate_every}."
+        f"evaluations have another distance; type --evaluate-every {every} (in a matrix file, "
+        f"every = {every} of [evaluation])."
     ]
 
 

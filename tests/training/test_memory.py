@@ -45,7 +45,10 @@ def test_advised_replay_buffer_is_small_enough(monkeypatch):
     # PPO has none; the others fill 100,000 of a million transitions: 7.2 GB.
     runs = [run("ppo"), *(run(seed=seed, steps=100_000) for seed in range(1000))]
     sentence = memory_sentence(runs)
-    assert sentence.endswith("fewer --seeds at a time, or --set buffer_size=25000.")
+    assert sentence.endswith(
+        "fewer --seeds at a time, or --set buffer_size=25000 (in a matrix file, the same key of "
+        "[hyperparameters.ddpg])."
+    )
 
 
 def test_memory_of_gpu_is_read_from_device(monkeypatch):
@@ -58,7 +61,10 @@ def test_memory_of_gpu_is_read_from_device(monkeypatch):
     # 7.2 GB are 80% of 9 GB.
     needs = "The replay buffers of 100 runs will take up to 7.2 GB of the GPU's memory"
     assert memory_sentence(runs, "cuda") == f"{needs}."
-    advice = "fewer --seeds at a time, or --set buffer_size=250000."
+    advice = (
+        "fewer --seeds at a time, or --set buffer_size=250000 (in a matrix file, the same key of "
+        "[hyperparameters.ddpg])."
+    )
     assert (
         memory_sentence(runs, "cuda:1") == f"{needs}, and 3.6 GB are free here: for less, {advice}"
     )

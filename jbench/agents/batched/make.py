@@ -75,7 +75,8 @@ def make_engine(
             raise
         raise WorkError(
             f"The GPU's memory is not enough for the replay buffers of {seeds} seeds: type fewer "
-            f"--seeds at a time, or less than --set buffer_size={settings.buffer_size}."
+            f"--seeds at a time, or less than --set buffer_size={settings.buffer_size} (in a "
+            "matrix file, a key of [hyperparameters.ALGORITHM])."
         ) from None
 
 

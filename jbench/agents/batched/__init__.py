@@ -1,11 +1,12 @@
 """The default training engine: many seeds of an algorithm in one process.
 
-    tensors.py       tensors of all seeds, stacked, scratch memory, and their optimizer
-    layers.py        layers with hand-written gradients; network.py: networks of them, and twins
+    tensors.py       tensors of all seeds, stacked, and scratch memory; adam.py: their optimizer
+    layers.py        affine layers with hand-written gradients; network.py: networks of them
     learner.py       base of the update rules; ddpg.py, td3.py, sac.py, ppo.py: one rule each
     features.py      features learned with an agent; on_features.py: the update rules on them
     rule.py          base class of other packages' rules; autograd.py: trains them
     replay.py        replay buffers and minibatches; updates.py: updates from them
+    pair_buffer.py   replay buffers of robots whose episodes end early
     normalize.py     inputs standardized by running statistics
     engine.py        the agents of all seeds; off_policy.py, on_policy.py: the two kinds of engines
     graphs.py        CUDA graphs

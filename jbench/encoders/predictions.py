@@ -60,7 +60,11 @@ class _Examples:
 
 
 def predictions(kind: Kind, weights: Weights, states: States) -> list[dict[str, Any]]:
-    """Trains and evaluates a probe; returns a row of `encoder_predictions` for each target."""
+    """Trains and evaluates a probe; returns a row of `encoder_predictions` for each target.
+
+    The rows are of the first shard of the training and of the held-out episodes: of a dataset whose
+    states do not fit in memory, that is a part of it.
+    """
     whole = states.whole
     learned = _examples(kind, weights, states, next(whole.learn()), _LEARNED_ROWS)
     test = _examples(kind, weights, states, next(whole.test()), _TEST_ROWS)

@@ -97,7 +97,10 @@ class RandomFeatures(Projection, Fitted):
         return range(1, 4097)
 
     def fit(self, states: States, latents: int) -> dict[str, FloatArray]:
-        """Random directions and offsets, and a linear regression as decoder."""
+        """Random directions and offsets, and a linear regression as decoder.
+
+        The regression is on the first shard: a part of a dataset that does not fit in memory.
+        """
         random = np.random.default_rng(np.random.SeedSequence(states.seed))
         sd = np.sqrt(np.trace(states.learned.covariance))
         directions = random.normal(size=(latents, states.size)) / sd

@@ -3,6 +3,7 @@
 import importlib.metadata
 import math
 import os
+import re
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -29,6 +30,7 @@ from jbench.tasks.find import checked_task, code_provenance, episode_provenance
 from jbench.training.request import read_representation
 from jbench.typed_values import known
 
+_MAIN_PART = re.compile(rb"^if __name__ == ", re.MULTILINE)
 _STEPS = ("steps", "total_timesteps", "total_steps", "timesteps", "n_timesteps")
 
 
@@ -108,11 +110,12 @@ def record(
 def _check_task(task: object) -> None:
     """Raises a RequestError for an environment, and for a function of the running script.
 
-    A process that imports the script by its name would run the whole loop a second time.
+    A process that imports the script by its name would run the whole loop a second time, unless
+    the script has a part that only runs as `__main__`.
     """
     if not isinstance(task, str):
         reason = f"is of type {type(task).__name__}, not the name of one"
-    elif plugins.is_imported(task) and _is_running(task.partition(":")[0]):
+    elif plugins.is_imported(task) and _would_run_again(task.partition(":")[0]):
         reason = f"can't be {task!r}, a function of the running script"
     else:
         return
@@ -123,8 +126,8 @@ def _check_task(task: object) -> None:
     )
 
 
-def _is_running(module: str) -> bool:
-    """Returns whether a module is the running script, under its own name or as `__main__`."""
+def _would_run_again(module: str) -> bool:
+    """Returns whether a module is `__main__`, or the running script without a part for that."""
     if module == "__main__":
         return True
 
@@ -136,7 +139,7 @@ def _is_running(module: str) -> bool:
     if file is None or not (file.is_file() and Path(script).is_file()):
         return False
 
-    return file.samefile(script)
+    return file.samefile(script) and _MAIN_PART.search(file.read_bytes()) is None
 
 
 def _settings(

@@ -459,6 +459,20 @@ def test_script_that_records_its_own_function_is_refused_before_it_is_imported_a
     assert not (tmp_path / "results").exists()
 
 
+def test_script_with_a_main_part_may_record_its_own_function(tmp_path):
+    (tmp_path / "loop.py").write_text(
+        "import gymnasium\n"
+        "import jbench\n"
+        "def make():\n"
+        '    return gymnasium.make("Pendulum-v1")\n'
+        'if __name__ == "__main__":\n'
+        '    jbench.record("loop:make", algo="a", seed=0, steps=400)\n'
+        '    print("recorded")\n'
+    )
+    done = Process("tests.recording.programs:run_script", "loop.py", cwd=tmp_path).finished()
+    assert (done.returncode, done.stdout) == (0, "recorded\n"), done.stderr
+
+
 def test_environment_of_the_page_is_recorded_with_a_model_of_stable_baselines3(tmp_path):
     (tmp_path / "arm.py").write_text(code_of("recording.md", "python", "def make"))
     script = code_of("recording.md", "python", '"arm:make"')

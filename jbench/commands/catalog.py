@@ -189,7 +189,7 @@ def _robot(settings: "DatasetSettings") -> str:
     """Returns the robot of a dataset: an option that chooses it, its name, or `plain`."""
     if settings.augment is not None:
         return f"--augment {settings.augment}"
-    if settings.specs is not None:
+    if settings.specs:
         return settings.robot
     return "plain"
 

@@ -199,7 +199,7 @@ def _train_one(
 
 
 def _say_interrupted(encoder: "Record") -> None:
-    """Prints how an unfinished encoder goes on, unless another process is training it."""
+    """Prints whether an unfinished encoder resumes, unless another process is training it."""
     from jbench.encoders.loop import CHECKPOINT
     from jbench.store import locks
 

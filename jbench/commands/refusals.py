@@ -13,8 +13,8 @@ _INSTEAD_OF_VERBS = {
     "list": "runs",
     "ls": "runs",
     "plot": "report",
-    **{f"train-{kind}": f"train-encoder --kind {kind}" for kind in ENCODER_KINDS},
 }
+_INSTEAD_OF_VERBS |= {f"train-{kind}": f"train-encoder --kind {kind}" for kind in ENCODER_KINDS}
 """Commands that users may look for, and what to type instead."""
 
 _INSTEAD_OF_OPTIONS = {

@@ -1,7 +1,7 @@
 """Encoders: reduced-order representations of an observation, and their training."""
 
 from jbench.encoders.find import encoder_code, find_draws, find_encoder
-from jbench.encoders.load import LoadedEncoder, load_encoder
+from jbench.encoders.load import LoadedEncoder, load_encoder, load_run_encoder
 from jbench.encoders.saved import Encoder
 from jbench.encoders.wrapper import action_signs, on_observations
 
@@ -13,5 +13,6 @@ __all__ = [
     "find_draws",
     "find_encoder",
     "load_encoder",
+    "load_run_encoder",
     "on_observations",
 ]

@@ -66,6 +66,15 @@ def load_encoder(
         raise WorkError(f"The encoder {id} can't be read ({error}); train it again.") from None
 
 
+def load_run_encoder(
+    id: str | None, results: Results, accept_changed: bool = False
+) -> Encoder | None:
+    """Returns the encoder of a run, or None for the full observation; see `load_encoder`."""
+    if id is None:
+        return None
+    return load_encoder(results, id, accept_changed).encoder
+
+
 def _no_encoder(results: Results, id: str, task: str | None) -> RequestError:
     """Returns the error for an encoder that does not exist: those that do, or how to make one."""
     ids = [

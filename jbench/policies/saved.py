@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from jbench.arrays import Array
-from jbench.encoders import Encoder, encoder_code, load_encoder, on_observations
+from jbench.encoders import Encoder, encoder_code, load_run_encoder, on_observations
 from jbench.errors import RequestError, WorkError
 from jbench.policies.network import DESCRIPTION, WEIGHTS, SavedNetwork
 from jbench.settings.records import EXTERNAL, Specs
@@ -82,10 +82,7 @@ def load_agent(
     specs = record.settings.get("specs")
     recorded_specs = Specs.model_validate(specs) if specs else None
     check_specs(task, recorded_specs, accept_changed)
-    loaded = None
-    if encoder is not None:
-        loaded = load_encoder(results, encoder, accept_changed).encoder
-
+    loaded = load_run_encoder(encoder, results, accept_changed)
     check_encoder(record, results)
     return TrainedAgent(task, policy, loaded)
 

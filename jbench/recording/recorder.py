@@ -13,6 +13,7 @@ from gymnasium.utils.seeding import np_random
 from numpy.typing import NDArray
 from torch import nn
 
+from jbench.encoders import load_run_encoder
 from jbench.errors import RequestError, WorkError
 from jbench.loggers.logger import Logger, copying_rows
 from jbench.policies.actors import Actor, UnsupportedPolicyError, acting, copy_module
@@ -20,7 +21,7 @@ from jbench.recording.writer import KeptPolicy, RecordedEnvironment, RunWriter, 
 from jbench.settings.records import ExternalSettings
 from jbench.store import Results, schema
 from jbench.tasks.find import find_task
-from jbench.training.evaluation import load_run_encoder, make_env
+from jbench.training.evaluation import make_env
 
 if TYPE_CHECKING:
     from stable_baselines3.common.callbacks import BaseCallback

@@ -9,7 +9,7 @@ from jbench.report.data.source_names import FILE
 from jbench.report.numbers import steps, whole
 from jbench.representation_names import FULL
 from jbench.statistics.verdicts import DECIDING_SEEDS
-from jbench.studies.quantities import FINAL_RETURN, SPEED
+from jbench.studies.quantities import FINAL_RETURN, SIMILAR, SPEED, UNDECIDED
 from jbench.wording import in_prose
 
 _OUTCOMES = {
@@ -17,7 +17,7 @@ _OUTCOMES = {
     "lower": "reach lower final returns",
     "faster": "learn faster",
     "slower": "learn more slowly",
-    "similar": "reach similar final returns",
+    SIMILAR: "reach similar final returns",
 }
 _MAX_WORDS = 34
 _MAX_TASKS = 2  # that a sentence names
@@ -34,7 +34,7 @@ def headline(verdicts: pd.DataFrame, configurations: pd.DataFrame, compared: pd.
 
     from_file = FILE in {*known["source"]}
     single = from_file and known["label"].nunique() == 1
-    is_decided = (verdicts["verdict"] != "undecided").any()
+    is_decided = (verdicts["verdict"] != UNDECIDED).any()
     if known["seeds"].max() < DECIDING_SEEDS and not single and not is_decided:
         seeds = int(known["seeds"].max())
         longest = steps(known["steps"][known["seeds"] == seeds].max())
@@ -73,9 +73,9 @@ def _on_sides(comparisons: pd.DataFrame, equally_long: bool) -> str:
     """Returns the outcome of a comparison; sides of different lengths with its control steps."""
     first, other = comparisons[["a", "b"]].iloc[0]
     words = [*comparisons["verdict"]]
-    counts = {word: words.count(word) for word in ("higher", "lower", "similar") if word in words}
+    counts = {word: words.count(word) for word in ("higher", "lower", SIMILAR) if word in words}
     if not counts:
-        answer = "undecided"
+        answer = UNDECIDED
     elif len(comparisons) == 1:
         (answer,) = counts
     else:
@@ -155,14 +155,14 @@ def _outcome(rows: pd.DataFrame) -> tuple[str, list[str]]:
     final = _agreed(rows[rows["claim"] == FINAL_RETURN.claim])
     speed = _agreed(rows[rows["claim"] == SPEED.claim])
     for decided in (final, speed):
-        words = {*decided.values()} - {"undecided"}
-        if len(words) == 1 and words != {"similar"}:
+        words = {*decided.values()} - {UNDECIDED}
+        if len(words) == 1 and words != {SIMILAR}:
             (word,) = words
             return word, [algo for algo, verdict in decided.items() if verdict == word]
 
-    if {*final.values()} == {"similar"}:
-        return "similar", [*final]
-    return "undecided", []
+    if {*final.values()} == {SIMILAR}:
+        return SIMILAR, [*final]
+    return UNDECIDED, []
 
 
 def _agreed(rows: pd.DataFrame) -> dict[str, str]:
@@ -170,7 +170,7 @@ def _agreed(rows: pd.DataFrame) -> dict[str, str]:
     verdicts: dict[str, str] = {}
     for algo, group in rows.groupby("algo", sort=False):
         words = group["verdict"].unique()
-        verdicts[str(algo)] = str(words[0]) if len(words) == 1 else "undecided"
+        verdicts[str(algo)] = str(words[0]) if len(words) == 1 else UNDECIDED
     return verdicts
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from jbench.errors import RequestError
 from jbench.settings.base import settings_hash
-from jbench.store.provenance import mapping, package_versions
+from jbench.store.provenance import last_note, mapping, package_versions
 from jbench.store.record import Record
 from jbench.wording import have, in_prose
 
@@ -68,15 +68,8 @@ def changed_since(record: Record, now: Code) -> list[str]:
     if accepted == code_hash(now):
         return []
 
-    return changed_files({**made, **_code_of_last_note(made)}, now)
-
-
-def _code_of_last_note(made: Code) -> Code:
-    """Returns the code with which work was continued last; {} if it is not recorded."""
-    continued = made.get("continued")
-    if not isinstance(continued, list) or not continued:
-        return {}
-    return mapping(mapping(continued[-1]).get("code"))
+    code_of_last_note = mapping(last_note(made).get("code"))
+    return changed_files({**made, **code_of_last_note}, now)
 
 
 def since_recorded(record: Record, files: Sequence[str]) -> str:

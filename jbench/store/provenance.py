@@ -103,7 +103,7 @@ def differences(
     """
     recorded = {**before, **mapping(before.get("packages"))}
     if at_end:
-        recorded |= _last_changes(before)
+        recorded |= last_changes(before)
 
     return {
         name: [recorded[name], value]
@@ -112,13 +112,17 @@ def differences(
     }
 
 
-def _last_changes(before: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns the entries that differed where work was last continued, since its beginning."""
+def last_note(before: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Returns the note on where work was last continued; {} if it was not."""
     notes = before.get("continued")
     if not isinstance(notes, list) or not notes:
         return {}
+    return mapping(notes[-1])
 
-    changed = mapping(mapping(notes[-1]).get("changed"))
+
+def last_changes(before: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns the entries that differed where work was last continued, since its beginning."""
+    changed = mapping(last_note(before).get("changed"))
     return {name: pair[-1] for name, pair in changed.items() if isinstance(pair, list) and pair}
 
 

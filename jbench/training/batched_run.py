@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from functools import cache, partial
 
 from jbench.devices import find_device
+from jbench.encoders import load_run_encoder
 from jbench.errors import RequestError, WorkError
 from jbench.names import CHECKPOINT_EVERY, KeepState
 from jbench.settings.engines import ENGINES
@@ -15,7 +16,6 @@ from jbench.store.provenance import device_provenance
 from jbench.tasks.find import episode_provenance
 from jbench.training.beginning import Beginnings
 from jbench.training.code import run_code
-from jbench.training.evaluation import load_run_encoder
 from jbench.training.events import Report, ignore
 from jbench.training.group import TrainingGroup
 from jbench.training.member import Member

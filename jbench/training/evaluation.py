@@ -8,14 +8,13 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from jbench.encoders import Encoder, load_encoder
+from jbench.encoders import Encoder
 from jbench.encoders.wrapper import EncodedObservation
 from jbench.registration import environment_id
 from jbench.settings.engines import ENGINES
 from jbench.settings.evaluations import has_short_evaluations
 from jbench.settings.records import ExternalSettings
 from jbench.settings.run import RunSettings
-from jbench.store import Results
 from jbench.tasks.find import find_task
 from jbench.tasks.task import PATH_EVERY, Act, RobotPath, Task, episode_generator, rollout
 from jbench.tasks.worlds import EpisodeError, Worlds
@@ -23,15 +22,6 @@ from jbench.tasks.worlds import EpisodeError, Worlds
 FINAL_EPISODES = 100
 """Episodes of the last evaluation, by which runs are compared. Ten are enough for a curve, but not
 for a comparison: the returns of one agent's episodes vary more than the means of agents do."""
-
-
-def load_run_encoder(
-    id: str | None, results: Results, accept_changed: bool = False
-) -> Encoder | None:
-    """Returns the encoder of a run, or None for the full observation; see `load_encoder`."""
-    if id is None:
-        return None
-    return load_encoder(results, id, accept_changed).encoder
 
 
 def make_env(

@@ -28,7 +28,7 @@ from jbench.store.code import (
     code_hash,
     have_changed,
 )
-from jbench.store.provenance import device_provenance, differences, provenance
+from jbench.store.provenance import device_provenance, differences, last_changes, provenance
 from jbench.store.rows import has_policy
 from jbench.tasks.task import Act
 from jbench.training.batched_run import run_batch
@@ -259,10 +259,10 @@ def _device(record: Record, at_end: bool = False) -> str:
 
 def _recorded_device(record: Record, at_end: bool) -> str:
     """Returns the device that a run had at its beginning, or at its end."""
-    made = record.manifest.provenance
-    continued = made.get("continued") if at_end else None
-    changed = continued[-1]["changed"] if continued else {}  # since the beginning
-    return str(changed.get("device", [made.get("device", "cpu")])[-1])
+    entries = {**record.manifest.provenance}
+    if at_end:
+        entries |= last_changes(entries)
+    return str(entries.get("device", "cpu"))
 
 
 def _obstacle(record: Record, settings: Run, rows: Rows) -> Repeated | None:

@@ -71,7 +71,7 @@ def test_whole_run_is_reproduced_whatever_its_last_evaluation(tmp_path):
 
 
 def test_last_evaluation_shorter_than_the_others_is_repeated_with_as_many_episodes(tmp_path):
-    """A matrix product of one row rounds otherwise than one of three."""
+    """A matrix product of one row rounds differently from one of three."""
     wide = {"hidden_layers": [350, 250]}
     run, results = settings(overrides=wide, evaluate_episodes=3), Results(tmp_path)
     assert run_batch([run], results, final_episodes=1) == {}

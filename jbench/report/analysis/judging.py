@@ -76,12 +76,12 @@ class Comparison:
             "corrected_low": judgment.low,
             "corrected_high": judgment.high,
             "corrected_by": judgment.by,
-            "text": self._text(judgment),
+            "text": self._text(judgment, value),
         }
 
-    def _text(self, judgment: Judgment) -> str:
+    def _text(self, judgment: Judgment, value: float) -> str:
         """Returns a verdict in words, with the difference that it rests on."""
-        text = self._number(judgment)
+        text = self._number(judgment, value)
         word = judgment.word
         low = judgment.low
         high = judgment.high
@@ -100,9 +100,8 @@ class Comparison:
 
         return text
 
-    def _number(self, judgment: Judgment) -> str:
+    def _number(self, judgment: Judgment, value: float) -> str:
         """Returns the difference in words, or why its interval decides nothing."""
-        value = self.evidence.estimate(0.95).value
         if np.isnan(value):
             return "unknown"
 

@@ -71,8 +71,9 @@ def zip_content(path: str) -> bytes:
 
 def read_sb3_zip(path: str, task: str) -> SavedNetwork:
     """Returns the deterministic policy of a saved model; raises a RequestError if there is none."""
+    content = zip_content(path)
     try:
-        with zipfile.ZipFile(io.BytesIO(zip_content(path))) as file:
+        with zipfile.ZipFile(io.BytesIO(content)) as file:
             data: dict[str, Any] = json.loads(file.read("data"))
             weights = _weights(file.read("policy.pth"))
         network = SavedNetwork(_layers(data, weights))
@@ -81,8 +82,9 @@ def read_sb3_zip(path: str, task: str) -> SavedNetwork:
         raise RequestError(
             f"{path}: {error.why}; load the model in a module of yours and type MODULE:NAME."
         ) from None
-    except (zipfile.BadZipFile, LookupError, ValueError, AttributeError, TypeError) as error:
-        raise RequestError(f"{path} is no saved model of stable-baselines3 ({error}).") from None
+    except Exception as error:  # a damaged file may raise almost any
+        reason = str(error) or type(error).__name__
+        raise RequestError(f"{path} is no saved model of stable-baselines3 ({reason}).") from None
 
     inputs, outputs = sizes
     wanted = find_task(task)

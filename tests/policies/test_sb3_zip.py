@@ -109,6 +109,43 @@ def test_other_files_are_refused(tmp_path):
             read_sb3_zip(str(path), FACE)
 
 
+def test_file_that_cannot_be_read_is_not_called_another_file(tmp_path):
+    with pytest.raises(RequestError) as refused:
+        read_sb3_zip(str(tmp_path / "none.zip"), FACE)
+    sentence = f"{tmp_path / 'none.zip'} can't be read (No such file or directory)."
+    assert str(refused.value) == sentence
+
+
+def test_damaged_file_is_refused(tmp_path):
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as file:
+        file.writestr("data", "{}" * 100)
+    whole = content.getvalue()
+    local = whole.index(b"PK\x03\x04")
+    central = whole.index(b"PK\x01\x02")
+
+    # Offsets from the beginning of the local entry, and of the entry in the directory.
+    encrypted = bytearray(whole)
+    encrypted[local + 6] |= 1
+    encrypted[central + 8] |= 1
+    compressed_otherwise = bytearray(whole)
+    compressed_otherwise[local + 8] = 98
+    compressed_otherwise[central + 10] = 98
+    corrupt = bytearray(whole)
+    corrupt[local + 34] = 0xFF  # the first byte after a header of 30 and the name of 4
+
+    damaged = {
+        "encrypted, password required": encrypted,
+        "compression method is not supported": compressed_otherwise,
+        "while decompressing data": corrupt,
+    }
+    path = tmp_path / "damaged.zip"
+    for says, changed in damaged.items():
+        path.write_bytes(changed)
+        with pytest.raises(RequestError, match=rf"is no saved model of stable-.* \(.*{says}"):
+            read_sb3_zip(str(path), FACE)
+
+
 def test_weights_that_are_no_dictionary_of_tensors_are_refused(save):
     _, path = save(TD3)
     for weights in ([1], {"actor.mu.0.weight": 1, "actor.mu.0.bias": 1}, {1: torch.zeros(2)}):

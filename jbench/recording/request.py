@@ -157,10 +157,16 @@ def _settings(
 
     first = validated(ExternalSettings, "the run", hyperparameters={}, **checked)
 
-    specs = checked_task(first.task).specs
-    interval = _evaluation_interval(first.steps, episode_steps(specs))
+    about = checked_task(first.task)
+    specs = about.specs
+    length = episode_steps(specs)
+    if first.steps < length and not about.ends_early:
+        raise RequestError(
+            f"No episode would end in {first.steps} control steps: steps must be {length} or more."
+        )
     if is_default:
-        fields["evaluate_every"] = interval
+        # So that a run that is shorter than its longest episode is evaluated at its end.
+        fields["evaluate_every"] = min(evaluation_interval(first.steps, length), first.steps)
 
     if representation not in NO_ENCODER:
         if kind_in(representation).rstrip(":") == OFE:
@@ -198,15 +204,6 @@ def _package_provenance(package: str) -> dict[str, str | None]:
 def _folder(settings: ExternalSettings) -> str:
     """Returns the part of a run's id that its seeds have in common."""
     return f"{settings.id.rpartition('/')[0]}/"
-
-
-def _evaluation_interval(steps: int, length: int) -> int:
-    """Returns the default interval of evaluations; RequestError if no episode would end."""
-    if steps < length:
-        raise RequestError(
-            f"No episode would end in {steps} control steps: steps must be {length} or more."
-        )
-    return evaluation_interval(steps, length)
 
 
 def _plain_hyperparameters(values: Mapping[str, Any], seed: int, steps: int) -> dict[str, Any]:

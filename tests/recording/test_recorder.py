@@ -616,6 +616,24 @@ def test_loop_of_a_vector_environment_is_complete_however_early_episodes_end(tmp
     assert 1000 <= made + run.rows("episodes") <= 1002
 
 
+def test_run_shorter_than_the_longest_episode_is_recorded_if_episodes_end_early(tmp_path):
+    settings = {"algo": "mine", "seed": 0, "evaluate_episodes": 1}
+    random = np.random.default_rng(0)
+    with jbench.record("gym:Hopper-v5", steps=200, results=tmp_path, **settings) as recording:
+        env = recording.env()
+        env.reset()
+        for step in range(1, 201):
+            _, _, terminated, truncated, _ = env.step(random.uniform(-1, 1, 3).astype(np.float32))
+            if terminated or truncated:
+                env.reset()
+            returns = recording.evaluate(lambda observations: np.zeros((len(observations), 3)))
+            assert (returns is not None) == (step == 200)  # once, at the end
+
+    run = Results(tmp_path).find("run", recording.id)
+    assert run.status == "finished"
+    assert run.rows("episodes") > 1
+
+
 def test_environment_with_a_namespace_is_recorded(tmp_path):
     task = "gym:tests.drawn_gym_tasks:lab/Drawn-v0"
     with recorded(tmp_path, task, evaluate_episodes=0) as recording:

@@ -19,7 +19,9 @@ def git_revision() -> str | None:
             return None
         return built.read_text("ascii").strip()
 
+    # Without its tags, of which a release would have only the name and not the commit.
     describe = ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=12"]
+    describe.append("--exclude=*")
     try:
         answer = subprocess.run(describe, capture_output=True, text=True, timeout=10, check=True)
     except (OSError, subprocess.SubprocessError):

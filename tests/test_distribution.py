@@ -121,6 +121,27 @@ def test_package_that_was_built_from_a_checkout_knows_its_revision(tmp_path):
     assert subprocess.check_output(ask, **place) == "4655a54bd1c2\n"
 
 
+@pytest.mark.parametrize("tag", [["v0.1.0"], ["-a", "v0.1.0", "-m", "a release"]])
+def test_checkout_of_a_release_names_its_commit_and_not_its_tag(tag, tmp_path):
+    def git(*typed):
+        who = ["-c", "user.name=a", "-c", "user.email=a@b"]
+        return subprocess.check_output(["git", *who, *typed], cwd=tmp_path, text=True).strip()
+
+    (tmp_path / "jbench").mkdir()
+    file = shutil.copy(ROOT / "jbench" / "revision.py", tmp_path / "jbench")
+    git("init", "--quiet")
+    git("add", "jbench/revision.py")
+    git("commit", "--quiet", "-m", "first")
+    git("tag", *tag)
+    ask = [sys.executable, "-B", "-c", "import revision; print(revision.git_revision())"]
+    place = {"cwd": tmp_path / "jbench", "text": True}
+    commit = git("rev-parse", "HEAD")[:12]
+    assert subprocess.check_output(ask, **place) == f"{commit}\n"
+    with open(file, "a", encoding="utf-8") as changed:
+        changed.write("# changed\n")
+    assert subprocess.check_output(ask, **place) == f"{commit}-dirty\n"
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(not (ROOT / ".git").exists(), reason="unpacked from an archive")
 def test_wheel_of_a_checkout_has_its_revision(tmp_path):

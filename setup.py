@@ -58,7 +58,7 @@ class BuildAnew(build_py):
         shutil.rmtree(built, ignore_errors=True)
         super().run()
         if known := revision():
-            (built / "git_revision.txt").write_text(f"{known}\n")
+            (built / "git_revision.txt").write_text(f"{known}\n", "ascii")
 
 
 class SourceWithRevision(sdist):
@@ -68,7 +68,7 @@ class SourceWithRevision(sdist):
         """Writes the files."""
         super().make_release_tree(base_dir, files)
         if known := revision():
-            (Path(base_dir) / "jbench" / "git_revision.txt").write_text(f"{known}\n")
+            (Path(base_dir) / "jbench" / "git_revision.txt").write_text(f"{known}\n", "ascii")
 
 
 if __name__ == "__main__":

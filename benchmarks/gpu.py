@@ -105,7 +105,7 @@ class Report:
         """Adds a line."""
         print(text, flush=True)
         self._lines.append(text)
-        self._path.write_text("\n".join(self._lines) + "\n")
+        self._path.write_text("\n".join(self._lines) + "\n", encoding="utf-8")
 
     def row(self, *cells: object) -> None:
         """Adds a row of a table."""

@@ -68,7 +68,7 @@ def processor_time(processes: Sequence[BaseProcess]) -> float:
     """Returns the processor time of this process and of others (s)."""
     ticks = 0
     for process in processes:
-        with open(f"/proc/{process.pid}/stat") as file:
+        with open(f"/proc/{process.pid}/stat", encoding="utf-8") as file:
             fields = file.read().rpartition(")")[2].split()
         ticks += int(fields[11]) + int(fields[12])  # utime and stime, see proc(5)
     return time.process_time() + ticks / os.sysconf("SC_CLK_TCK")

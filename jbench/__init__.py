@@ -65,7 +65,7 @@ def _exports() -> dict[str, tuple[str, str]]:
     import ast
 
     exports = {}
-    for node in ast.walk(ast.parse(Path(__file__).read_text())):
+    for node in ast.walk(ast.parse(Path(__file__).read_text("utf-8"))):
         if isinstance(node, ast.ImportFrom):
             for alias in node.names:
                 if alias.asname:

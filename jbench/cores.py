@@ -37,12 +37,13 @@ def _quotas(
     quotas = []
     try:
         # 0::/path; the limits of parent groups apply too.
-        (path,) = [line[3:] for line in group.read_text().splitlines() if line.startswith("0::")]
+        lines = group.read_text("utf-8").splitlines()
+        (path,) = [line[3:] for line in lines if line.startswith("0::")]
         group_folder = root / path.strip("/")
         for folder in (group_folder, *group_folder.parents):
             limit = folder / "cpu.max"
             if folder.is_relative_to(root) and limit.exists():
-                quota, period = limit.read_text().split()
+                quota, period = limit.read_text("ascii").split()
                 if quota != "max":
                     quotas.append(math.ceil(int(quota) / int(period)))
     except (OSError, ValueError):

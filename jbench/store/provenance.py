@@ -90,7 +90,7 @@ def device_provenance(device: "torch.device") -> dict[str, str | None]:
 def _driver() -> str | None:
     """Returns the version of the NVIDIA driver, if there is one."""
     with contextlib.suppress(OSError):
-        return Path("/sys/module/nvidia/version").read_text().strip()
+        return Path("/sys/module/nvidia/version").read_text("ascii").strip()
     return None
 
 
@@ -165,7 +165,7 @@ def shell_command(recorded: Mapping[str, Any]) -> str:
 def processor() -> str:
     """Returns the name of the processor."""
     with contextlib.suppress(OSError):
-        for line in Path("/proc/cpuinfo").read_text().splitlines():
+        for line in Path("/proc/cpuinfo").read_text("utf-8").splitlines():
             if line.startswith("model name"):
                 return line.split(":", 1)[1].strip()
     return platform.processor() or platform.machine()

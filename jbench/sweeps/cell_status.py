@@ -216,7 +216,8 @@ def memory_sentence(runs: Sequence[RunSettings], device: str = "cpu") -> str | N
 def _available() -> int | None:
     """Returns the free memory in bytes, where the system tells."""
     with contextlib.suppress(OSError):
-        known = re.search(r"^MemAvailable: *(\d+)", Path("/proc/meminfo").read_text(), re.MULTILINE)
+        memory = Path("/proc/meminfo").read_text("ascii")
+        known = re.search(r"^MemAvailable: *(\d+)", memory, re.MULTILINE)
         return int(known[1]) * 1024 if known else None
     return None
 

@@ -17,6 +17,7 @@ from jbench.agents.plugin import Agent, EnvironmentSpec, Transition, is_resumabl
 from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.names import TimeLimit
 from jbench.policies.actors import copy_module
+from jbench.policies.answers import read_actions
 from jbench.policies.network import SavedNetwork
 from jbench.settings.base import Settings
 from jbench.store import schema
@@ -183,18 +184,17 @@ class PluginEngine(Engine):
     ) -> NDArray[np.float64]:
         """Returns actions (1, n, action_size) of the agent, of which the shape is checked."""
         wanted = (len(observations), self.environments.action_size)
-        actions = self._call(method, observations)
-        if isinstance(actions, Tensor):
-            actions = actions.detach().cpu().numpy()
+        answer = self._call(method, observations)
+        if isinstance(answer, Tensor):
+            answer = answer.detach().to("cpu", torch.float64).numpy()
 
-        if np.shape(actions) != wanted:
+        try:
+            return read_actions(answer, wanted)[None]
+        except ValueError as returned:
             raise WorkError(
-                f"{_name(method)} of the agent {self._name} returned the shape "
-                f"{np.shape(actions)} for observations {observations.shape}; it must return "
-                f"actions {wanted}."
-            )
-
-        return np.array(actions, np.float64)[None]
+                f"{_name(method)} of the agent {self._name} returned {returned} for observations "
+                f"{observations.shape}; it must return actions {wanted}."
+            ) from None
 
 
 def _name(method: Callable[..., Any]) -> str:

@@ -15,6 +15,7 @@ from torch import Tensor, nn
 
 from jbench import plugins
 from jbench.errors import RequestError
+from jbench.policies.answers import read_actions
 from jbench.policies.layers import (
     Clip,
     Elu,
@@ -73,13 +74,14 @@ def acting(actor: Actor, action_size: int) -> Iterator[Act]:
             answer = answer.detach().to("cpu", torch.float32).numpy()
 
         wanted = (len(observations), action_size)
-        if isinstance(answer, tuple) or np.shape(answer) != wanted:
+        try:
+            actions = read_actions(answer, wanted)
+        except ValueError as returned:
             raise RequestError(
-                f"The actor returned {_shape_in_words(answer)} for observations "
-                f"{observations.shape}; it must return actions {wanted}."
-            )
+                f"The actor returned {returned} for observations {observations.shape}; it must "
+                f"return actions {wanted}."
+            ) from None
 
-        actions = np.asarray(answer, np.float64)
         if not np.isfinite(actions).all():
             raise RequestError("The actor returned actions that are not finite.")
 
@@ -97,13 +99,6 @@ def acting(actor: Actor, action_size: int) -> Iterator[Act]:
         finally:
             for module, mode in modes.items():
                 module.training = mode
-
-
-def _shape_in_words(answer: Any) -> str:
-    """Returns what an actor has returned, for a message: its shape, or that it is a tuple."""
-    if isinstance(answer, tuple):
-        return "a tuple"
-    return f"the shape {np.shape(answer)}"
 
 
 def _function(actor: Actor) -> Callable[[NDArray[np.float32]], Any]:

@@ -261,6 +261,17 @@ def test_actions_of_wrong_shape_and_losses_that_are_no_dictionary_are_refused():
         next(engine.learn(10))
 
 
+@pytest.mark.parametrize("answer", [[[0.5], [0.5, 0.5]], [["half"], [0.5]], None, ([0.5], [0.5])])
+def test_actions_that_are_no_array_of_numbers_are_refused(answer):
+    class Faulty(RandomAgent):
+        def act(self, observations):
+            return answer
+
+    says = f"act of the agent .* returned a {type(answer).__name__} that is no array of numbers"
+    with build_engine(Faulty) as engine, pytest.raises(WorkError, match=says):
+        engine.act(np.ones((1, 2, 16), np.float32))
+
+
 def test_nonfinite_loss_is_divergence():
     class Diverging(RandomAgent):
         def learn(self, transition):

@@ -36,6 +36,18 @@ def not_finite(observations):
     return np.full((len(observations), 1), np.nan)
 
 
+def ragged(observations):
+    return [[0.5], [0.5, 0.5], [0.5]][: len(observations)] + [[]]
+
+
+def text(observations):
+    return [["half"]] * len(observations)
+
+
+def nothing_returned(observations):
+    return None
+
+
 def wrong(observations):
     return observations["angle"]
 
@@ -113,6 +125,9 @@ def test_function_class_and_torch_module_act(module):
     [
         ("flat", RequestError, r"returned the shape \(1,\)"),
         ("not_finite", RequestError, "not finite"),
+        ("ragged", RequestError, "returned a list that is no array of numbers for observations"),
+        ("text", RequestError, "returned a list that is no array of numbers for observations"),
+        ("nothing_returned", RequestError, "returned a NoneType that is no array"),
         ("number", RequestError, "A int can't act"),
         ("nothing", RequestError, "has no nothing"),
         ("wrong", WorkError, r"policy \w+:wrong failed \(IndexError"),

@@ -119,7 +119,7 @@ class RobotEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         """Applies the action (action_size,) for one control step.
 
         Raises:
-            RequestError: if the action is not numbers of that shape; a ValueError.
+            RequestError: if the action is not finite numbers of that shape; a ValueError.
             ResetNeeded: after the last step of an episode, or before `reset`.
         """
         command = self._command(action)
@@ -159,8 +159,10 @@ class RobotEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
 
         if command.shape == () and action is not None:
             command = command.reshape(1)
-        if command.shape != shape:
-            raise RequestError(f"The action must be numbers of shape {shape}, not {action!r}.")
+        if command.shape != shape or not np.isfinite(command).all():
+            raise RequestError(
+                f"The action must be finite numbers of shape {shape}, not {action!r}."
+            )
         return command
 
     def _info(self) -> dict[str, Any]:

@@ -162,7 +162,7 @@ class RobotVectorEnv(
         """Applies the actions (num_envs, action_size) for one control step.
 
         Raises:
-            RequestError: if the actions are not numbers of that shape; a ValueError.
+            RequestError: if the actions are not finite numbers of that shape; a ValueError.
         """
         commands = self._commands(actions)
         restarted = self._ended & (self._mode is AutoresetMode.NEXT_STEP)
@@ -220,10 +220,9 @@ class RobotVectorEnv(
         except (TypeError, ValueError):
             commands = np.empty(0)
 
-        if commands.shape != self.action_space.shape:
-            raise RequestError(
-                f"actions must be numbers of shape {self.action_space.shape}, not {actions!r}."
-            )
+        shape = self.action_space.shape
+        if commands.shape != shape or not np.isfinite(commands).all():
+            raise RequestError(f"actions must be finite numbers of shape {shape}, not {actions!r}.")
         return commands
 
     def _begin(self, mask: NDArray[np.bool_], chosen: Chosen | None = None) -> NDArray[np.float32]:

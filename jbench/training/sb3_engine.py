@@ -14,6 +14,7 @@ from jbench.agents import sb3
 from jbench.agents.engine import AfterStep, DivergedError, divergent_loss
 from jbench.agents.environments import Ends, SeedState
 from jbench.encoders import Encoder, on_observations
+from jbench.errors import RequestError
 from jbench.policies.network import SavedNetwork
 from jbench.settings.run import RunSettings
 from jbench.tasks.worlds import EpisodeError
@@ -62,8 +63,8 @@ class SB3Engine(AbstractContextManager["SB3Engine"]):
 
         try:
             self._agent.learn(steps, on_step, log_interval=None)  # type: ignore[arg-type]
-        except EpisodeError:
-            # An environment may refuse an action that is not finite before its step is counted.
+        except (EpisodeError, RequestError):
+            # The environment refuses an action that is not finite before its step is counted.
             self._check(actions=[robot.last_action for robot in self._robots])
             if not self.diverged:
                 raise

@@ -231,8 +231,8 @@ def test_reset_accepts_target(task, target, distance):
         ("reset", {"options": {"goal": 1}}, "reset has no option goal; it has target"),
         ("reset", {"options": {"target": [1, 2]}}, "The target of face_direction is an array"),
         *(
-            ("step", {"action": action}, r"must be numbers of shape \(1,\), not")
-            for action in ([0.1, 0.2], [], None, "a", {"a": 1})
+            ("step", {"action": action}, r"must be finite numbers of shape \(1,\), not")
+            for action in ([0.1, 0.2], [], None, "a", {"a": 1}, [np.nan], [np.inf])
         ),
     ],
 )

@@ -223,8 +223,8 @@ def test_invalid_calls_of_step_and_reset_are_refused():
     ours.reset(seed=0)
     with pytest.raises(ValueError, match=r"of shape \(3, 1\), not array"):
         ours.step(actions[0, :, 0])
-    for wrong in ([["a"]] * 3, [[0.1], [0.2, 0.3], [0.1]]):
-        with pytest.raises(RequestError, match=r"must be numbers of shape \(3, 1\), not \[\["):
+    for wrong in ([["a"]] * 3, [[0.1], [0.2, 0.3], [0.1]], [[0.1], [np.nan], [0.1]]):
+        with pytest.raises(RequestError, match=r"be finite numbers of shape \(3, 1\), not \[\["):
             ours.step(wrong)
     for each in actions:
         ours.step(each)

@@ -1,7 +1,9 @@
 """An interactive viewer of a policy, in which the mouse can pull the robot."""
 
+import contextlib
 import threading
 import time
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -37,37 +39,46 @@ def view(policy: ActingPolicy, scene: Scene) -> int:
             "task a RandomState `random`, or type jbench render."
         )
 
-    env = scene.environment(render_mode=None)
-    observation, _ = env.reset(seed=scene.seed)
-    policy.reset(1)
-    others = set(threading.enumerate())
     steps = begun = 0
-    with _open_window(env) as window:
-        due = time.perf_counter()
-        while window.is_running():
-            action = np.asarray(policy.act(observation[None])[0], np.float32)
-            # The window's thread reads the state, and changes it when the mouse pulls the robot.
-            with window.lock():
-                observation, _, terminated, truncated, _ = env.step(action)
-                steps += 1
-                if terminated or truncated or steps - begun == task.episode_steps:
-                    begun = steps
-                    observation, _ = env.reset()
-                    policy.reset(1)
+    with contextlib.closing(scene.environment(render_mode=None)) as env:
+        observation, _ = env.reset(seed=scene.seed)
+        policy.reset(1)
+        with _window(env) as window:
+            due = time.perf_counter()
+            while window.is_running():
+                action = np.asarray(policy.act(observation[None])[0], np.float32)
+                # The window's thread reads the state, and changes it when the mouse pulls.
+                with window.lock():
+                    observation, _, terminated, truncated, _ = env.step(action)
+                    steps += 1
+                    if terminated or truncated or steps - begun == task.episode_steps:
+                        begun = steps
+                        observation, _ = env.reset()
+                        policy.reset(1)
 
-            window.sync()
-            due += scene.timestep
-            late = time.perf_counter() - due
-            # A slow machine runs slower than real time and does not catch up.
-            due += max(late, 0)
-            time.sleep(max(-late, 0))
+                window.sync()
+                due += scene.timestep
+                late = time.perf_counter() - due
+                # A slow machine runs slower than real time and does not catch up.
+                due += max(late, 0)
+                time.sleep(max(-late, 0))
 
-    # Wait for the rendering thread, since the process would crash if it exited before.
-    for thread in set(threading.enumerate()) - others:
-        thread.join(30)  # s
-
-    env.close()
     return steps
+
+
+@contextlib.contextmanager
+def _window(env: RobotEnv) -> Iterator[Any]:
+    """Yields MuJoCo's viewer, closes it, and waits for the threads that draw.
+
+    The process would crash if it exited, or freed the robot, before they end.
+    """
+    others = set(threading.enumerate())
+    try:
+        with _open_window(env) as window:
+            yield window
+    finally:
+        for thread in set(threading.enumerate()) - others:
+            thread.join(30)  # s
 
 
 def _open_window(env: RobotEnv) -> Any:

@@ -1,17 +1,21 @@
 """Tests of MuJoCo's window, under a virtual display, and of the errors without a display."""
 
+import contextlib
 import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from PIL import Image
 
 from jbench.errors import RequestError
+from jbench.rendering import viewer
 from jbench.rendering.episode import Scene
 from jbench.rendering.viewer import view
+from jbench.tasks.gym import RobotEnv
 from tests.rendering.render_policies import Constant
 
 OWN = "tests.third_party_task.own_tasks"
@@ -83,8 +87,25 @@ def test_display_that_cannot_be_opened_is_refused(monkeypatch):
 
     monkeypatch.setenv("DISPLAY", ":77")
     monkeypatch.setattr(glfw, "init", lambda: False)
+    closed = []
+    monkeypatch.setattr(RobotEnv, "close", lambda env: closed.append(env))
     with pytest.raises(RequestError, match="The display can't be opened; jbench render draws"):
         view(Constant(), Scene("face_direction"))
+    assert len(closed) == 1
+
+
+def test_environment_is_closed_if_a_policy_fails(monkeypatch):
+    class Failing(Constant):
+        def act(self, observations):
+            raise ZeroDivisionError
+
+    closed = []
+    monkeypatch.setattr(RobotEnv, "close", lambda env: closed.append(env))
+    window = contextlib.nullcontext(SimpleNamespace(is_running=lambda: True))
+    monkeypatch.setattr(viewer, "_open_window", lambda env: window)
+    with pytest.raises(ZeroDivisionError):
+        view(Failing(), Scene("face_direction"))
+    assert len(closed) == 1
 
 
 @pytest.mark.parametrize(

@@ -23,6 +23,9 @@ RESAMPLES = 10_000
 MIN_SEEDS = 3
 """Minimum number of seeds per stratum for an interval, and for a band around a curve."""
 
+_LEAST_WEIGHT = 1e-12
+"""Weights of scores that are less are rounding errors: the weights of all scores add up to 1."""
+
 
 class Estimate(NamedTuple):
     """A number with its uncertainty, which is NaN with fewer than `MIN_SEEDS` seeds.
@@ -69,7 +72,10 @@ def interquartile_mean(strata: Strata) -> FloatArray:
     ends = np.cumsum(weights[order], axis=-1)
     low = count // 4 / count
     kept = np.clip(ends, low, 1 - low) - np.clip(ends - weights[order], low, 1 - low)
-    sums = np.sum(kept * np.take_along_axis(scores, order, axis=-1), axis=-1)
+    ordered = np.take_along_axis(scores, order, axis=-1)
+    # An infinite score that is left out counts nothing; 0 times infinity would be NaN.
+    is_left_out = np.isinf(ordered) & (kept < _LEAST_WEIGHT)
+    sums = np.sum(kept * np.where(is_left_out, 0.0, ordered), axis=-1)
     return np.asarray(sums / (1 - 2 * low))
 
 

@@ -65,6 +65,21 @@ def test_tasks_with_unequal_seeds_have_equal_weight():
     assert st.interquartile_mean(resampled) == pytest.approx([62.5] * 3)
 
 
+@pytest.mark.filterwarnings("error")
+def test_infinite_scores_that_are_left_out_count_nothing():
+    # Of the weights, three of 1/8 are at 0, one of 1/4 at 100, one of 1/4 at 200, and one of 1/8 is
+    # infinite. From 1/6 to 5/6 of them, 5/24 at 0, 6/24 at 100 and 5/24 at 200 are left.
+    unequal = [np.array([0.0, np.inf, 0.0, 0.0]), np.array([200.0, 100.0])]
+    assert st.interquartile_mean(unequal) == pytest.approx(100)
+    # The quarter that is left out at the upper end is the infinite score.
+    whole = [np.zeros(6), np.array([100.0, np.inf])]
+    assert st.interquartile_mean(whole) == pytest.approx(50)
+    # Both ends: -inf has 1/4 of the weights, of which 1/6 is left out.
+    assert st.interquartile_mean([np.zeros(4), np.array([1.0, -np.inf])]) == -np.inf
+    # As with equal numbers of seeds.
+    assert st.interquartile_mean([np.array([1.0, 2.0, 3.0, np.inf])]) == 2.5
+
+
 @pytest.mark.parametrize("seeds", [1, 2, 3, 5, 8, 10, 11, 40])
 def test_medians_equal_numpy_bit_for_bit(seeds):
     scores = np.random.default_rng(seeds).normal(500, 100, size=(50, seeds))

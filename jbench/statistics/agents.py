@@ -106,8 +106,12 @@ def smallest_difference(
     """Returns the smallest difference of means that two equal configurations can show.
 
     It is the true difference that a two-sided Welch test finds at 5% with a power of 80%, from
-    seeds per configuration, s, w and episodes per agent (which may be infinite).
+    seeds per configuration, s, w and episodes per agent (which may be infinite). NaN for fewer than
+    two seeds, which have no variance.
     """
+    if seeds < 2:
+        return np.nan
+
     variance = (deviation**2 + episode_deviation**2 / episodes) / seeds
     freedom = 2 * (seeds - 1)
     return float(nctdtrinc(freedom, 0.2, stdtrit(freedom, 0.975)) * np.sqrt(2 * variance))

@@ -9,6 +9,7 @@ from jbench.names import MAX_SEEDS
 from jbench.representation_names import FULL, features_in, kind_in
 from jbench.settings.base import canonical_json
 from jbench.settings.recorded import SEED, alike, with_implied
+from jbench.statistics.sequential import BLOCK
 from jbench.statistics.verdicts import ERROR_RATE
 from jbench.studies.arms import Arm, arms, short_name
 from jbench.studies.entries import Claim, Entry, Side
@@ -42,6 +43,18 @@ class PlannedComparison:
     share: float = ERROR_RATE
     claim: Claim = "a"
     max_seeds: int = MAX_SEEDS
+
+    def __post_init__(self) -> None:
+        """Raises a RequestError if no analysis or no error rate would be left to decide it."""
+        if self.max_seeds < BLOCK or self.max_seeds % BLOCK:
+            raise RequestError(
+                f"max_seeds of {self.name} is {self.max_seeds}: type a multiple of {BLOCK}."
+            )
+        if not 0 < self.share <= ERROR_RATE + 1e-9:
+            raise RequestError(
+                f"share of {self.name} is {self.share}: type a number above 0, up to "
+                f"{ERROR_RATE:g}."
+            )
 
     @property
     def name(self) -> str:

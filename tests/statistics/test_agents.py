@@ -88,3 +88,5 @@ def test_smallest_difference_agrees_with_tables_of_power():
     assert smallest_difference(26, 100, 0, 10) == pytest.approx(80, abs=1)
     # Episodes add w^2 / n: 60^2 + 80^2 = 100^2.
     assert smallest_difference(26, 60, 240, 9) == smallest_difference(26, 100, 0, 9)
+    # One seed, or none, has no variance.
+    assert np.isnan([smallest_difference(seeds, 100, 0, 9) for seeds in (0, 1)]).all()

@@ -1,5 +1,7 @@
 """Tests of studies: their arms, the comparisons that a file plans, and parts chosen by name."""
 
+from dataclasses import replace
+
 import pytest
 
 from jbench.errors import RequestError
@@ -92,6 +94,23 @@ def test_entry_without_exactly_one_pair_of_arms_is_refused(entry, says, file):
     with pytest.raises(RequestError) as refused:
         plan(file(entry))
     assert "study.toml, comparison 1: " in str(refused.value)
+    assert says in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"max_seeds": 0}, "planar against full is 0: type a multiple of 5."),
+        ({"max_seeds": 7}, "planar against full is 7: type a multiple of 5."),
+        ({"max_seeds": -5}, "planar against full is -5: type a multiple of 5."),
+        ({"share": 0.0}, "planar against full is 0.0: type a number above 0, up to 0.05."),
+        ({"share": 0.06}, "planar against full is 0.06: type a number above 0, up to 0.05."),
+    ],
+)
+def test_comparison_that_nothing_could_decide_is_refused(changes, says, file):
+    (planned,) = plan(file('first = "planar"\nsecond = "full"'))
+    with pytest.raises(RequestError) as refused:
+        replace(planned, **changes)
     assert says in str(refused.value)
 
 

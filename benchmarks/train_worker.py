@@ -150,8 +150,9 @@ def environment(task: str, count: int = 1) -> Any:
     import gymnasium
     from stable_baselines3.common.vec_env import DummyVecEnv
 
-    from jbench.registration import environment_id
+    from jbench.registration import environment_id, register_task
 
+    register_task(task)
     made = environment_id(task)
     return DummyVecEnv([lambda: gymnasium.make(made, disable_env_checker=True)] * count)
 

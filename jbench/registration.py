@@ -11,14 +11,10 @@ from jbench.task_specs import EPISODE_STEPS, SOLVED_RETURN, SUITE_TASKS, has_spe
 def environment_id(task: str, augmented: bool = False) -> str:
     """Returns the Gymnasium id of a task, such as `Jitterbug/FaceDirection-v0`.
 
-    That of another robot's task, such as `jbench/dmc-cheetah-run-v0`, is registered if it is not.
-    The registry's time limit is that of the Jitterbug and the suite: `gymnasium.make` takes that of
-    a task with episodes of another length as `max_episode_steps`.
+    That of another robot's task is such as `jbench/dmc-cheetah-run-v0`; see `register_task`.
     """
     if has_specs(task):
-        id = f"jbench/{_gymnasium_name(task)}-v0"
-        _register(id, {"task": task})
-        return id
+        return f"jbench/{_gymnasium_name(task)}-v0"
     domain = "AugmentedJitterbug" if augmented else "Jitterbug"
     return f"{domain}/{task.title().replace('_', '')}-v0"
 
@@ -47,12 +43,22 @@ def _register(id: str, kwargs: dict[str, Any], reward_threshold: float | None = 
         )
 
 
-def register_environments() -> None:
-    """Registers the Jitterbug's tasks, with plain and augmented robots, and those of the suite."""
-    for task in SUITE_TASKS:
-        environment_id(task)
+def register_task(task: str) -> None:
+    """Registers a task with Gymnasium, of the Jitterbug with plain and augmented robots.
 
-    for task in TASKS:
-        _register(environment_id(task), {"task": task}, SOLVED_RETURN)
-        augmented = {"task": task, "augment": 0}
-        _register(environment_id(task, augmented=True), augmented, SOLVED_RETURN)
+    The registry's time limit is that of the Jitterbug and the suite: `gymnasium.make` takes that of
+    a task with episodes of another length as `max_episode_steps`.
+    """
+    if has_specs(task):
+        _register(environment_id(task), {"task": task})
+        return
+
+    _register(environment_id(task), {"task": task}, SOLVED_RETURN)
+    augmented = {"task": task, "augment": 0}
+    _register(environment_id(task, augmented=True), augmented, SOLVED_RETURN)
+
+
+def register_environments() -> None:
+    """Registers the tasks of the Jitterbug and of the suite."""
+    for task in (*SUITE_TASKS, *TASKS):
+        register_task(task)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from jbench.datasets.ending import EndingBlock
 from jbench.datasets.reader import Dataset
 from jbench.errors import RequestError, WorkError
-from jbench.registration import environment_id
+from jbench.registration import environment_id, register_task
 from jbench.store import locks
 from jbench.store.files import make_directory
 from jbench.tasks.find import find_task
@@ -110,6 +110,7 @@ def _write(dataset: Dataset, task: str, id: str, to: Path, progress: Callable[[i
     spec = copy.deepcopy(gymnasium.spec(environment_id(task, augment is not None)))
     spec.max_episode_steps = dataset.settings.episode_steps
     if augment is not None:
+    register_task(task)
         spec.kwargs["augment"] = augment
 
     # Minari 0.5.4 fails on relative paths.

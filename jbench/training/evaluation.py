@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from jbench.encoders import Encoder
 from jbench.encoders.wrapper import EncodedObservation
-from jbench.registration import environment_id
+from jbench.registration import environment_id, register_task
 from jbench.settings.engines import ENGINES
 from jbench.settings.evaluations import has_short_evaluations
 from jbench.settings.records import ExternalSettings
@@ -32,6 +32,7 @@ def make_env(
     if settings.augment is not None:
         options["augment"] = settings.augment + robot
 
+    register_task(settings.task)
     env: gymnasium.Env[Any, Any] = gymnasium.make(
         environment_id(settings.task, augmented="augment" in options),
         max_episode_steps=settings.episode_steps,

@@ -12,7 +12,7 @@ from gymnasium.vector import AutoresetMode
 
 from jbench.errors import RequestError
 from jbench.names import TASKS
-from jbench.registration import environment_id
+from jbench.registration import environment_id, register_task
 from jbench.tasks.vector import RobotVectorEnv
 from jbench.tasks.worlds import EpisodeError
 
@@ -21,6 +21,7 @@ COUNT, LENGTH = 3, 4
 
 def pair(task, augmented=False, mode="NextStep", **settings):
     """The vector environment, and its oracle."""
+    register_task(task)
     name = environment_id(task, augmented)
     settings = {"num_envs": COUNT, "max_episode_steps": LENGTH, **settings}
     ours = gymnasium.make_vec(name, autoreset_mode=mode, threads=2, **settings)

@@ -68,11 +68,12 @@ def printable(text: str, instead: str = "\ufffd", keeping: str = "") -> str:
 
 def duration(seconds: float) -> str:
     """Returns a duration in its two largest units, such as `3 d 4 h` or `12 min 5 s`."""
+    seconds = round(seconds)
     units = ((86400, "d", 3600, "h"), (3600, "h", 60, "min"), (60, "min", 1, "s"))
     for size, unit, part, smaller in units:
         if seconds >= size:
-            return f"{seconds // size:.0f} {unit} {seconds % size // part:.0f} {smaller}"
-    return f"{seconds:.0f} s"
+            return f"{seconds // size} {unit} {seconds % size // part} {smaller}"
+    return f"{seconds} s"
 
 
 def with_results(command: str, results: Path) -> str:
@@ -89,7 +90,7 @@ def repair_hint(results: Path) -> str:
 
 
 def in_prose(names: Iterable[str], word: str = "or") -> str:
-    """Returns names as a list in prose: `a, b or c`."""
+    """Returns at least one name as a list in prose: `a, b or c`."""
     *others, last = names
     if not others:
         return last

@@ -8,7 +8,7 @@ import pytest
 from typer.main import get_command
 
 from jbench.cli import app
-from jbench.wording import with_results
+from jbench.wording import duration, with_results
 from tests.documentation import PAGES, ROOT
 
 EVERYWHERE = re.compile(
@@ -23,6 +23,23 @@ IN_PAGES = re.compile(rf"{EVERYWHERE.pattern}|\b(cells?|spreads?|--encoder \d+)\
 
 def used(words, text):
     return [found[0] for found in words.finditer(" ".join(text.split()))]
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [
+        (0.4, "0 s"),
+        (59.4, "59 s"),
+        (59.7, "1 min 0 s"),
+        (119.8, "2 min 0 s"),
+        (725, "12 min 5 s"),
+        (3599.9, "1 h 0 min"),
+        (86399.6, "1 d 0 h"),
+        (273700, "3 d 4 h"),
+    ],
+)
+def test_durations_are_rounded_before_they_are_divided_into_units(seconds, text):
+    assert duration(seconds) == text
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

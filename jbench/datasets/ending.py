@@ -140,7 +140,7 @@ def flaw(steps: pa.Table, seeds: pa.Table, episodes: range, longest: int) -> str
         if name not in made and len(values) < len(step):
             return f"empty cells in the column {name}"
         if not np.isfinite(values.to_numpy()).all():
-            return "NaN or infinite values"
+            return f"NaN or infinite values in the column {name}"
 
     return None
 

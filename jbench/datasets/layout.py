@@ -154,6 +154,6 @@ def flaw(steps: pa.Table, targets: pa.Table, episodes: range, episode_steps: int
             if column.null_count:
                 return f"empty cells in the column {name}"
             if not np.isfinite(column.to_numpy()).all():
-                return "NaN or infinite values"
+                return f"NaN or infinite values in the column {name}"
 
     return None

@@ -84,8 +84,8 @@ def test_only_one_file_is_in_memory_at_a_time(dataset):
 
 
 ALTERATIONS = {
-    "NaN": ("steps", "velocity_x", 7, np.nan, "holds NaN or infinite values"),
-    "infinite": ("steps", "action", 3, np.inf, "holds NaN or infinite values"),
+    "NaN": ("steps", "velocity_x", 7, np.nan, "infinite values in the column velocity_x;"),
+    "infinite": ("steps", "action", 3, np.inf, "infinite values in the column action;"),
     "no number": ("steps", "position_z", 5, None, "holds empty cells in the column position_z"),
     "no target": ("dataset_episodes", f"{TASK}_target_yaw", 0, None, f"column {TASK}_target_yaw"),
     "no action": ("steps", "action", 999, None, "holds a state without its action"),

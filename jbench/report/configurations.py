@@ -175,7 +175,7 @@ def _statistics(
 def _between_agents(scores: Scores) -> tuple[st.Estimate, float]:
     """Returns the standard deviation between agents, and the smallest difference that they show."""
     seeds = len(scores.final)
-    if not scores.agents.known or seeds < st.MIN_SEEDS:
+    if not scores.agents.is_known or seeds < st.MIN_SEEDS:
         return _UNKNOWN, np.nan
 
     between, low, high, within = components(scores.agents)

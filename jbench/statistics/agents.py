@@ -16,9 +16,9 @@ from jbench.statistics.bootstrap import MIN_SEEDS, Estimate
 
 
 class Agents(NamedTuple):
-    """Mean returns (agents,) of agents, over their episodes."""
+    """What is known of the agents of a configuration from their episodes."""
 
-    means: FloatArray
+    means: FloatArray  # (agents,) mean return of the episodes of each
     variances: FloatArray  # (agents,) sample variance of the episodes, divided by their number
     episodes: FloatArray  # (agents,) number
 
@@ -33,7 +33,7 @@ class Agents(NamedTuple):
         return float(np.var(self.means, ddof=1)) - self.episode_variance
 
     @property
-    def known(self) -> bool:
+    def is_known(self) -> bool:
         """Whether there are two or more agents with two or more episodes each."""
         enough = np.isfinite(self.variances) & (self.episodes > 1)
         return len(enough) > 1 and bool(enough.all())
@@ -58,7 +58,7 @@ def components(agents: Agents, confidence: float = 0.95) -> Components:
     unequal numbers of episodes this is that of J. D. Thomas and R. A. Hultquist (*Interval
     estimation for the unbalanced case of the one-way random effects model*, Ann. Statist. 6, 1978).
     """
-    if not agents.known:
+    if not agents.is_known:
         return Components()
 
     counts = agents.episodes

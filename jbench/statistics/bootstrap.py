@@ -151,9 +151,9 @@ class Resampled(NamedTuple):
     def estimate(self, confidence: float = 0.95) -> Estimate:
         """Returns the statistic with its interval of percentiles.
 
-        A resample without a value, such as a ratio of 0 to 0, may be anything: it counts as lower
-        than all others at the lower end, and as higher at the upper end. So the interval is that of
-        all numbers if more resamples have none than an end leaves out.
+        A resample may have no value, such as a ratio of 0 to 0. It counts as -inf for the lower end
+        and as +inf for the upper end, so the interval is unbounded if more resamples have none than
+        an end leaves out: 2.5% for a confidence of 95%.
         """
         drawn = self.drawn
         if not len(drawn):
@@ -191,13 +191,17 @@ def samples(
         chosen.append(indices)
         drawn.append([seeds[index] for seeds, index in zip(strata, indices, strict=True)])
 
-    return [
-        # Comparing all pairs of seeds in each resample would take most of the time of a report.
-        Resampled(value, _improvements(groups, chosen))
-        if statistic is probability_of_improvement
-        else Resampled(value, statistic(*drawn))
-        for statistic, value in zip(statistics, values, strict=True)
-    ]
+    resampled = []
+    for statistic, value in zip(statistics, values, strict=True):
+        if statistic is probability_of_improvement:
+            # The same numbers: comparing all pairs of seeds in each resample would take most of the
+            # time of a report.
+            distribution = _improvements(groups, chosen)
+        else:
+            distribution = statistic(*drawn)
+        resampled.append(Resampled(value, distribution))
+
+    return resampled
 
 
 def estimate(statistic: Statistic, *groups: Strata, resamples: int = RESAMPLES) -> Estimate:

@@ -13,14 +13,11 @@ from itertools import combinations
 
 import numpy as np
 
-from jbench.statistics import IntArray
+from jbench.statistics import ROUNDING, IntArray
 from jbench.statistics.bootstrap import Strata
 
-RELABELINGS = 184_756
+RELABELINGS_OF_TEN_SEEDS = 184_756
 """Relabelings of a test: all of two times ten seeds; of more seeds, a random sample."""
-
-_ROUNDING = 1e-9
-"""Differences that count as equal, relative to the largest score."""
 
 
 def p_value(ours: Strata, theirs: Strata) -> float:
@@ -28,8 +25,8 @@ def p_value(ours: Strata, theirs: Strata) -> float:
 
     The statistic is that of the sequential test. With two times six seeds, the interquartile mean
     would tell fewer relabelings apart. On several tasks, the differences are averaged. On one task,
-    all relabelings are used if there are at most `RELABELINGS`; else a fixed random sample of so
-    many, and the observed division.
+    all relabelings are used if there are at most `RELABELINGS_OF_TEN_SEEDS`; else a fixed random
+    sample of so many, and the observed division.
 
     Args:
         ours, theirs: scores (seeds,) by task. Seeds are exchanged within a task only.
@@ -38,7 +35,7 @@ def p_value(ours: Strata, theirs: Strata) -> float:
     if not np.isfinite(scores).all():
         return 1.0
 
-    is_exact = len(ours) == 1 and math.comb(len(scores), len(ours[0])) <= RELABELINGS
+    is_exact = len(ours) == 1 and math.comb(len(scores), len(ours[0])) <= RELABELINGS_OF_TEN_SEEDS
     observed = 0.0
     relabeled = np.zeros(1)
     for task, (x, y) in enumerate(zip(ours, theirs, strict=True)):
@@ -50,7 +47,7 @@ def p_value(ours: Strata, theirs: Strata) -> float:
         relabeled = relabeled + (means - others)
         observed += x.mean() - y.mean()
 
-    least = abs(observed) - _ROUNDING * np.abs(scores).max()
+    least = abs(observed) - ROUNDING * np.abs(scores).max()
     as_large = np.abs(relabeled) >= least
     if is_exact:
         return float(as_large.mean())
@@ -69,5 +66,5 @@ def _chosen(ours: int, theirs: int, seed: int | None) -> IntArray:
         return np.array([*combinations(seeds, ours)])
 
     random = np.random.default_rng(seed)
-    order = random.permuted(np.tile(seeds, (RELABELINGS, 1)), axis=1)
+    order = random.permuted(np.tile(seeds, (RELABELINGS_OF_TEN_SEEDS, 1)), axis=1)
     return order[:, :ours].copy()

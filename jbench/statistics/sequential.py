@@ -23,16 +23,13 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from jbench.statistics import BoolArray, FloatArray, IntArray
+from jbench.statistics import ROUNDING, BoolArray, FloatArray, IntArray
 from jbench.statistics.verdicts import Verdict
 
 BLOCK = 5
 """Seeds of each configuration between two interim analyses."""
 
-_ROUNDING = 1e-9
-"""Differences of means that count as equal, relative to the largest number of a seed."""
-
-RELABELINGS = 63_504
+RELABELINGS_OF_TWO_BLOCKS = 63_504
 """Relabelings of a test: all of two blocks of 5 + 5 seeds; with more blocks, a random sample."""
 
 _BISECTIONS = 16  # precision of an interval's end: 1e-4 of the range of the seeds
@@ -46,7 +43,7 @@ def decided_at(
     error_rate: float,
     analyses: int,
     *,
-    relabelings: int = RELABELINGS,
+    relabelings: int = RELABELINGS_OF_TWO_BLOCKS,
 ) -> IntArray:
     """Returns the interim analysis (...), from 1 on, that reaches a verdict; 0 if none does.
 
@@ -74,7 +71,7 @@ def first_above(
     analyses: int,
     *,
     block: int = BLOCK,
-    relabelings: int = RELABELINGS,
+    relabelings: int = RELABELINGS_OF_TWO_BLOCKS,
 ) -> IntArray:
     """Returns the analysis (...) that finds ours to be above theirs, one-sided; 0 if none does.
 
@@ -95,7 +92,7 @@ def first_above(
     pooled = np.concatenate(sides, axis=-1)
     # (..., blocks, relabelings of a block): the block's difference under each of them.
     differences = pooled @ _weights(block).T
-    rounding = _ROUNDING * np.abs(pooled).max(axis=(-1, -2))[..., None]
+    rounding = ROUNDING * np.abs(pooled).max(axis=(-1, -2))[..., None]
     first = np.zeros(ours.shape[:-1], np.int64)
     boundaries: list[FloatArray] = []
     for chosen in _tables(differences.shape[-1], differences.shape[-2], relabelings):
@@ -152,7 +149,7 @@ def _lower_end(
     deviations = np.concatenate([ours - difference, theirs])
     largest = float(np.abs(np.concatenate([ours, theirs])).max())
     # Of seeds that are all alike, the difference at the least shift must be more than rounding.
-    rounding = 10 * _ROUNDING * largest
+    rounding = 10 * ROUNDING * largest
     least = difference - max(4 * float(np.ptp(deviations)) + 1e-9, rounding)
     if not rejects(least):
         return -np.inf

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from jbench.statistics.permutation import RELABELINGS, p_value
+from jbench.statistics.permutation import RELABELINGS_OF_TEN_SEEDS, p_value
 
 
 def difference_of_means(ours, theirs, axis):
@@ -34,7 +34,7 @@ def test_separated_groups_have_the_least_p_value():
     assert p_value([low], [low]) == 1.0
     # Larger groups: none of the sampled relabelings.
     low = np.arange(20.0)
-    assert p_value([low + 100], [low]) == pytest.approx(1 / (RELABELINGS + 1))
+    assert p_value([low + 100], [low]) == pytest.approx(1 / (RELABELINGS_OF_TEN_SEEDS + 1))
 
 
 def test_seeds_are_exchanged_within_tasks_only():
@@ -49,7 +49,7 @@ def test_seeds_are_exchanged_within_tasks_only():
     observed = sum(x.mean() - y.mean() for x, y in zip(ours, theirs, strict=True))
     every = np.array([abs(sum(each)) for each in product(differences(0), differences(1))])
     expected = (every >= observed - 1e-9).mean()
-    error = np.sqrt(expected * (1 - expected) / RELABELINGS)
+    error = np.sqrt(expected * (1 - expected) / RELABELINGS_OF_TEN_SEEDS)
     assert p_value(ours, theirs) == pytest.approx(expected, abs=4 * error)
 
 

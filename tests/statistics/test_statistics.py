@@ -95,6 +95,22 @@ def test_interval_of_profile_is_that_of_resampled_seeds():
     assert (low[1], high[1]) == pytest.approx((2 / 9, 8 / 9))
 
 
+def test_probability_of_improvement_has_one_distribution_however_it_is_computed():
+    random = np.random.default_rng(3)
+    ours, theirs = (
+        [random.integers(0, 9, n).astype(float) for n in sizes] for sizes in ((5, 7), (4, 6))
+    )
+    direct = st.probability_of_improvement
+
+    def wrapped(first, second):
+        return direct(first, second)
+
+    by_counts, by_pairs = st.samples([direct, wrapped], ours, theirs, resamples=500)
+    assert by_counts.value == by_pairs.value
+    np.testing.assert_allclose(by_counts.drawn, by_pairs.drawn, rtol=1e-12)
+    assert np.ptp(by_counts.drawn) > 0.1
+
+
 def test_interval_is_reproducible_and_needs_three_seeds():
     seeds = [np.array([1.0, 2.0, 4.0, 8.0])]
     assert st.estimate(mean, seeds) == st.estimate(mean, seeds)

@@ -22,7 +22,7 @@ from jbench.tasks.dm_specification import (
 from jbench.tasks.dm_worlds import DmWorlds, EnvironmentTask, close
 from jbench.tasks.gym_adapter import GymAdapter
 from jbench.tasks.own_pictures import mujoco_physics, render_fps
-from jbench.tasks.robot_checksum import model_hash, robot_checksum
+from jbench.tasks.robot_checksum import older_robot_checksum, robot_checksum
 from jbench.tasks.task import DOES_NOT_REPEAT, rollout
 from jbench.tasks.worlds import Worlds
 
@@ -95,7 +95,7 @@ class DmTask(EnvironmentTask):
         self.control_timestep = timestep() if callable(timestep) else None
         self.episode_steps = measure_episode(environment, self._bounds)
         self.specs = Specs(
-            model=model_hash(environment),
+            model=older_robot_checksum(environment),
             parts=list(self.parts),
             sizes=list(self.parts.values()),
             action_minimum=self._bounds.minimum.tolist(),

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from jbench.errors import RequestError, sentence_of_failure
 from jbench.tasks.gym_adapter import GymAdapter
+from jbench.tasks.robot_checksum import compiled_model
 from jbench.tasks.worlds import ModelAndData
 
 RENDER_MODE = "rgb_array"
@@ -17,9 +18,9 @@ RENDER_MODE = "rgb_array"
 
 def mujoco_physics(environment: Any) -> ModelAndData | None:
     """Returns MuJoCo's model and data of an environment, if it has them."""
-    physics = getattr(environment, "physics", None)
-    model = _raw(getattr(physics, "model", None))
-    data = _raw(getattr(physics, "data", None))
+    model = compiled_model(environment)
+    data = getattr(getattr(environment, "physics", None), "data", None)
+    data = getattr(data, "ptr", data)  # which dm_control wraps and Gymnasium does not
     if isinstance(model, mujoco.MjModel) and isinstance(data, mujoco.MjData):
         return ModelAndData(model, data)
     return None
@@ -91,8 +92,3 @@ def _is_picture(returned: NDArray[Any]) -> bool:
     """Returns whether an array is (height, width, 3) of uint8, with one pixel or more."""
     has_three_colors = returned.ndim == 3 and returned.shape[2] == 3
     return has_three_colors and returned.dtype == np.uint8 and returned.size > 0
-
-
-def _raw(wrapped: Any) -> Any:
-    """Returns MuJoCo's own object, which dm_control wraps and Gymnasium does not."""
-    return getattr(wrapped, "ptr", wrapped)

@@ -7,7 +7,7 @@ count, too. Fields that are empty or zero are left out, since such versions add 
 
 import hashlib
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -51,13 +51,24 @@ def robot_checksum(environment: Any) -> str | None:
 
     Numbers are rounded to six digits.
     """
-    model = getattr(getattr(environment, "physics", None), "model", None)
+    model = compiled_model(environment)
     if model is None:
         return None
+    return _digest(physical_fields(model))
+
+
+def compiled_model(environment: Any) -> Any:
+    """Returns the MuJoCo model of an environment, which dm_control wraps; None without one."""
+    model = getattr(getattr(environment, "physics", None), "model", None)
+    return getattr(model, "ptr", model)
+
+
+def _digest(fields: Iterable[tuple[str, NDArray[np.float64]]]) -> str:
+    """Returns the SHA-256 of fields by name: their shapes, and their numbers rounded."""
     digest = hashlib.sha256()
-    for name, value in physical_fields(getattr(model, "ptr", model)):
-        texts = (f"{number:.{_DIGITS}g}" for number in value.ravel())
-        digest.update(f"{name} {value.shape} {' '.join(texts)}\n".encode())
+    for name, values in fields:
+        numbers = " ".join(f"{number:.{_DIGITS}g}" for number in values.ravel())
+        digest.update(f"{name} {values.shape} {numbers}\n".encode())
     return digest.hexdigest()
 
 
@@ -118,20 +129,22 @@ def _has_camera_sensor(model: Any) -> bool:
     return bool((model.sensor_objtype == camera).any() or (model.sensor_reftype == camera).any())
 
 
-def model_hash(environment: Any) -> str | None:
+def older_robot_checksum(environment: Any) -> str | None:
     """Returns the SHA-256 of the physical parameters of an environment's MuJoCo model, if any.
 
     They are those of the checksum of older records, which newer ones have beside the wider one of
     `robot_checksum`. They are rounded to six digits, so that other versions of MuJoCo compile the
     same model.
     """
-    model = getattr(getattr(environment, "physics", None), "model", None)
+    model = compiled_model(environment)
     if model is None:
         return None
-    digest = hashlib.sha256()
+    return _digest(_compared_fields(model))
+
+
+def _compared_fields(model: Any) -> Iterator[tuple[str, NDArray[np.float64]]]:
+    """Yields name and values of each field of the older checksum."""
     for holder, names in ((model, _COMPARED.split()), (model.opt, _OPTIONS)):
         for name in names:
-            values = np.atleast_1d(np.asarray(getattr(holder, name), np.float64)) + 0.0
-            text = " ".join(f"{value:.6g}" for value in values.ravel())
-            digest.update(f"{name} {values.shape} {text}\n".encode())
-    return digest.hexdigest()
+            values = np.asarray(getattr(holder, name), np.float64)
+            yield name, np.atleast_1d(values) + 0.0  # without negative zeros

@@ -4,8 +4,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from jbench.store import Results
+from jbench.store.shipped import shipped
 from jbench.tasks.dm import DmTask
-from jbench.tasks.robot_checksum import physical_fields, robot_checksum
+from jbench.tasks.find import find_task
+from jbench.tasks.robot_checksum import older_robot_checksum, physical_fields, robot_checksum
 from tests.training.small_runs import small_run
 
 XML = """
@@ -152,6 +155,13 @@ def test_rounding_and_empty_fields_are_left_out(model):
 
 def test_environment_without_mujoco_has_none():
     assert robot_checksum(object()) is None
+    assert older_robot_checksum(object()) is None
+
+
+def test_older_checksum_of_the_shipped_robot_is_as_recorded():
+    runs, _ = Results(shipped()).scan("run", "gym.Hopper-v5/")
+    recorded = {run.settings["specs"]["model"] for run in runs}
+    assert recorded == {find_task("gym:Hopper-v5").specs.model}
 
 
 ARM = """

@@ -19,7 +19,7 @@ from jbench.settings.evaluations import evaluation_schedule
 from jbench.settings.recorded import Run, comparable
 from jbench.settings.records import Specs, episode_steps, requested_ofe
 from jbench.settings.run import RunSettings
-from jbench.studies.file import named
+from jbench.studies.file import refusals_named
 from jbench.studies.matrix import Matrix, Parts
 from jbench.task_specs import has_specs
 
@@ -172,7 +172,7 @@ def arms(parts: Parts) -> Iterator[Arm]:
     that is given by its id is of another task.
     """
     for where, part in parts.items():
-        with named(where):
+        with refusals_named(where):
             for name in part.representations:
                 if "/" not in name:
                     continue

@@ -9,7 +9,7 @@ from jbench.names import Base
 from jbench.settings.base import Count, Seed, Settings, validated, whole
 from jbench.statistics.sequential import BLOCK
 from jbench.statistics.verdicts import ERROR_RATE
-from jbench.studies.file import named, read_file, tables
+from jbench.studies.file import read_file, refusals_named, tables
 from jbench.studies.matrix import COMPARISON, encoder_seed
 
 Claim = Literal["a", "c"]
@@ -64,7 +64,7 @@ def read_entries(name: str) -> dict[str, Entry]:
     """
     entries = {}
     for where, table in tables(name, read_file(name), COMPARISON).items():
-        with named(where):
+        with refusals_named(where):
             entries[where] = validated(Entry, f"[[{COMPARISON}]]", **table)
 
     given = sum(entry.share for entry in entries.values())

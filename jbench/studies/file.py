@@ -57,7 +57,7 @@ def tables(name: str, content: Mapping[str, Any], key: str) -> dict[str, dict[st
 
 
 @contextlib.contextmanager
-def named(name: str) -> Iterator[None]:
+def refusals_named(name: str) -> Iterator[None]:
     """Puts the name of a file or a part in front of the refusals of the block."""
     try:
         yield

@@ -15,7 +15,7 @@ from jbench.representation_names import FULL, OFE
 from jbench.settings.base import Seed, Settings, typed_default, validated, whole
 from jbench.settings.records import LABEL, DatasetSettings, requested_ofe
 from jbench.settings.run import TYPED, RunSettings
-from jbench.studies.file import named, read_file, tables
+from jbench.studies.file import read_file, refusals_named, tables
 from jbench.typed_values import known, parse_numbers
 from jbench.wording import in_prose
 
@@ -131,7 +131,7 @@ def read_matrix(name: str, **changes: Any) -> dict[str, Matrix]:
     all parts. Raises a RequestError if there is no such matrix, or it is invalid.
     """
     content = read_file(name)
-    with named(name):
+    with refusals_named(name):
         for key in content:
             known("key", key, (*Matrix.model_fields, PART, COMPARISON))
 
@@ -139,7 +139,7 @@ def read_matrix(name: str, **changes: Any) -> dict[str, Matrix]:
     defaults = {key: value for key, value in content.items() if key not in (PART, COMPARISON)}
     parts = {}
     for where, table in (tables(name, content, PART) or {name: {}}).items():
-        with named(where):
+        with refusals_named(where):
             keys = _merged(defaults, table) | changes
             part = validated(Matrix, "the matrix", **keys)
             requested_ofe(f"{OFE}12", part.ofe)  # which checks them, of any size and if unused

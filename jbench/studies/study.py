@@ -13,7 +13,7 @@ from jbench.statistics.sequential import BLOCK
 from jbench.statistics.verdicts import ERROR_RATE
 from jbench.studies.arms import Arm, arms, short_name
 from jbench.studies.entries import Claim, Entry, Side
-from jbench.studies.file import named
+from jbench.studies.file import refusals_named
 from jbench.studies.matrix import Parts
 from jbench.studies.quantities import SPEED
 from jbench.typed_values import known
@@ -84,7 +84,7 @@ def listed_comparisons(
     listed: list[PlannedComparison] = []
     seen: dict[str, str] = {}
     for where, entry in entries.items():
-        with named(where):
+        with refusals_named(where):
             first, second = _pair(every, entry)
             key = canonical_json({"entry": [first.key, second.key, entry.claim]})
             if key in seen:
@@ -153,7 +153,7 @@ def _different(parts: Parts) -> list[Arm]:
     """
     found: dict[str, Arm] = {}
     for arm in arms(parts):
-        with named(arm.where):
+        with refusals_named(arm.where):
             same = found.setdefault(arm.training_key, arm)
             if same.evaluation != arm.evaluation:
                 raise RequestError(

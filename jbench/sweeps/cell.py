@@ -20,7 +20,7 @@ from jbench.settings.records import DatasetSettings, dataset_robot
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.studies.arms import Arm, arms
-from jbench.studies.file import named
+from jbench.studies.file import refusals_named
 from jbench.studies.matrix import Matrix, Parts
 from jbench.tasks.find import find_task
 from jbench.training.code import plan_runs
@@ -70,14 +70,14 @@ def matrix_cells(parts: Parts, results: Results, accept_changed: bool = False) -
     RequestError if the settings of a run or an encoder are invalid.
     """
     for where, part in parts.items():
-        with named(where):
+        with refusals_named(where):
             for kind, options in part.encoder.options.items():
                 make_kind(kind, options)  # which checks them, also if unused
 
     # Arms may have the same runs, also by another name: planar is planar12.
     cells: dict[tuple[str, ...], Cell] = {}
     for arm in arms(parts):
-        with named(arm.where):
+        with refusals_named(arm.where):
             cell = _cell(arm, results, accept_changed)
         ids = tuple(run.id for run in cell.runs)
         if ids in cells:

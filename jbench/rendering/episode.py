@@ -125,13 +125,13 @@ def fitted(picture: Picture, other: Picture) -> Picture:
 def video_picture(frame: Frame, title: str, note: str) -> Picture:
     """Returns a copy of a frame's image with text: a title above, and a note below."""
     above = [title, times(frame), frame.goal]
-    return write(frame.picture, above, [note], lines_in_height=24)
+    return with_text(frame.picture, above, [note], lines_in_height=24)
 
 
 def strip_picture(frame: Frame) -> Picture:
     """Returns a frame's image for a strip, with time and return in larger text."""
     above = [f"{frame.time:.1f} s", f"return {frame.episode_return:.0f}"]
-    return write(frame.picture, above, [], lines_in_height=11)
+    return with_text(frame.picture, above, [], lines_in_height=11)
 
 
 def times(frame: Frame) -> str:
@@ -141,7 +141,7 @@ def times(frame: Frame) -> str:
     return f"{time} s   return {so_far}"
 
 
-def write(
+def with_text(
     picture: Picture, above: Sequence[str], below: Sequence[str], *, lines_in_height: int
 ) -> Picture:
     """Returns a copy of an image (height, width, 3) with lines of text above and below.

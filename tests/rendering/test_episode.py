@@ -13,7 +13,7 @@ from jbench.rendering.episode import (
     render_episode,
     times,
     video_picture,
-    write,
+    with_text,
 )
 from jbench.task_specs import CAMERAS
 from jbench.tasks.gym import RobotEnv
@@ -175,7 +175,9 @@ def test_numbers_have_fixed_width():
 
 
 def test_small_pictures_keep_legible_letters():
-    rows = changed_rows(write(plain(0, 64, 64), ["8"], [], lines_in_height=24), plain(0, 64, 64))
+    rows = changed_rows(
+        with_text(plain(0, 64, 64), ["8"], [], lines_in_height=24), plain(0, 64, 64)
+    )
     assert rows[1] - rows[0] >= 8
 
 
@@ -191,6 +193,6 @@ def test_lines_wider_than_the_picture_are_broken():
     assert broken("x" * 99, 11, 200) == ["x" * 99]
     # The second line is drawn below the first.
     black = np.zeros((100, 200, 3), np.uint8)
-    once, twice = (write(black, ["ab " * n], [], lines_in_height=9) for n in (1, 30))
+    once, twice = (with_text(black, ["ab " * n], [], lines_in_height=9) for n in (1, 30))
     assert not once[30:].any()
     assert twice[30:60].any()

@@ -4,10 +4,12 @@ Modules and functions that Windows and macOS lack are removed before jbench is i
 portalocker, which has code for each system, is imported before.
 """
 
+import ast
 import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from typer.main import get_command
@@ -74,6 +76,32 @@ def test_commands_work_without_linux_only_modules(verb, without_linux):
     code, printed = without_linux[verb]
     assert code == 0
     assert every_verb.PRINTED[verb] in printed
+
+
+def names_an_encoding(call, arguments_before):
+    """Returns whether a call has an argument after so many, or one that is called encoding."""
+    is_named = any(keyword.arg == "encoding" for keyword in call.keywords)
+    return is_named or len(call.args) > arguments_before
+
+
+def test_texts_are_read_and_written_in_a_named_encoding():
+    # That of Windows is not UTF-8, and names of users' files, tasks and settings need not be ASCII.
+    root = Path(__file__).parents[1]
+    files = [root / "setup.py", *root.glob("jbench/**/*.py"), *root.glob("benchmarks/*.py")]
+    calls = [
+        (file, node)
+        for file in files
+        for node in ast.walk(ast.parse(file.read_text("utf-8")))
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)
+    ]
+    arguments_before = {"read_text": 0, "write_text": 1}
+    found = [call for call in calls if call[1].func.attr in arguments_before]
+    assert len(found) > 10
+    assert [
+        f"{file.name}:{call.lineno}"
+        for file, call in found
+        if not names_an_encoding(call, arguments_before[call.func.attr])
+    ] == []
 
 
 def test_every_command_is_covered():

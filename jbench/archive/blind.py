@@ -9,10 +9,11 @@ name keep theirs.
 
 import json
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass, field
 from string import ascii_lowercase
-from typing import Any
+from typing import Any, Protocol
 
 import pyarrow as pa
 
@@ -45,43 +46,63 @@ _PATH = re.compile(r"/|~|\\\\|[A-Za-z]:[\\/]|file:")
 _ID_COLUMNS = ("run", "encoder", "dataset", "evaluation_id")
 
 
-class Verbatim:
-    """Leaves records as they are, in an archive with names.
+class Form(Protocol):
+    """The form in which records are written to an archive: with names or without."""
 
-    `words` are those that must not be in the archive.
-    """
+    @property
+    def words(self) -> Set[str]:
+        """Words that must not be in the archive."""
+
+    def learn(self, records: Iterable[Record]) -> None:
+        """Finds names in the settings of records, before any is written."""
+
+    def settings(self, settings: Mapping[str, Any]) -> dict[str, Any]:
+        """Returns the settings of a record in this form."""
+
+    def id(self, record: Record) -> str:
+        """Returns the id of a record in this form."""
+
+    def manifest(self, record: Record, files: tuple[FileEntry, ...]) -> Manifest:
+        """Returns the manifest of a record in this form, with these files."""
+
+    def content(self, record: Record, entry: FileEntry, content: bytes) -> bytes:
+        """Returns the content of a file of a record in this form."""
+
+
+class Verbatim:
+    """A `Form` that leaves records as they are."""
 
     words: Set[str] = frozenset()
 
     def learn(self, records: Iterable[Record]) -> None:
-        """Finds nothing in the settings of records."""
+        """Finds nothing."""
 
     def settings(self, settings: Mapping[str, Any]) -> dict[str, Any]:
         """Returns the same settings."""
         return dict(settings)
 
     def id(self, record: Record) -> str:
-        """Returns the id of a record."""
+        """Returns the same id."""
         return record.id
 
     def manifest(self, record: Record, files: tuple[FileEntry, ...]) -> Manifest:
-        """Returns the manifest of a record with these files."""
+        """Returns the manifest with these files."""
         return record.manifest.model_copy(update={"files": files})
 
     def content(self, record: Record, entry: FileEntry, content: bytes) -> bytes:
-        """Returns the content of a file of a record."""
+        """Returns the same content."""
         return content
 
 
 @dataclass
-class Blinder(Verbatim):
-    """Replaces names, the same name always by the same number.
+class Blinder:
+    """A `Form` that replaces names, the same name always by the same number.
 
-    `words` are all words that must not be in the archive: those of this machine, and those that
-    were replaced.
+    `words` are those of this machine, and those that were replaced.
     """
 
     words: set[str] = field(default_factory=set)
+    _counts: Counter[str] = field(default_factory=Counter)  # of numbered names, by noun
     _numbers: dict[str, dict[str, str]] = field(default_factory=dict)
     _ids: dict[str, str] = field(default_factory=dict)
 
@@ -178,9 +199,10 @@ class Blinder(Verbatim):
         if name in known:
             return
 
-        number = f"{len({*known.values()}) + 1}"
+        self._counts[noun] += 1
+        number = str(self._counts[noun])
         if noun == "kind":  # which has no digits at its end
-            number = _in_letters(int(number))
+            number = _in_letters(self._counts[noun])
 
         known[name] = f"{noun}-{number}"
         self.words.update((name, in_id(name)))

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import pyarrow.parquet as pq
 
-from jbench.archive.blind import Blinder, Verbatim
+from jbench.archive.blind import Blinder, Form, Verbatim
 from jbench.archive.lock import lock
 from jbench.archive.words import found_in, words_of_this_machine
 from jbench.errors import RequestError, WorkError
@@ -19,7 +19,7 @@ from jbench.report.request import Request
 from jbench.store import Record, Results, files
 from jbench.store.manifest import RecordKind
 from jbench.store.verify import verify
-from jbench.studies.rebuilt_matrix import matrix
+from jbench.studies.rebuilt_matrix import matrix_text
 
 _KINDS: tuple[RecordKind, ...] = ("encoder", "run", "evaluation", "import")
 """Kinds in an archive, those that others refer to first. Datasets are left out: encoders have
@@ -63,11 +63,13 @@ def write_archive(results: Results, out: Path, blind: bool = False) -> Archived:
         WorkError: if a record is damaged, or a name is left in a blind archive.
     """
     files.check_output(out)
-    records, left_out = _chosen(results)
+    selection = _selection(results)
+    records = selection.records
+    left_out = selection.left_out
     if not any(record.kind in ("run", "import") for record in records):
         raise RequestError(f"{results.name} has no finished run; train or import some first.")
 
-    form = Verbatim()
+    form: Form = Verbatim()
     if blind:
         form = Blinder(words_of_this_machine(results.path, out))
 
@@ -98,24 +100,30 @@ def write_archive(results: Results, out: Path, blind: bool = False) -> Archived:
     return Archived(out, len(records), len(content), _lines(left_out, Verbatim()))
 
 
-def _chosen(results: Results) -> tuple[list[Record], list[Record]]:
-    """Returns the records of an archive, and the unfinished ones, which are left out."""
-    chosen = list[Record]()
-    left_out = list[Record]()
+class _Selection(NamedTuple):
+    """The records of an archive, and the unfinished ones, which are left out."""
+
+    records: list[Record]
+    left_out: list[Record]
+
+
+def _selection(results: Results) -> _Selection:
+    """Returns which records of results an archive has; a WorkError if one can't be read."""
+    selection = _Selection([], [])
     for kind in _KINDS:
         records, problems = results.scan(kind)
         if problems:
             raise WorkError(problems[0])
         for record in records:
             if record.status == "unfinished":
-                left_out.append(record)
+                selection.left_out.append(record)
             else:
-                chosen.append(record)
+                selection.records.append(record)
 
-    return chosen, left_out
+    return selection
 
 
-def _lines(left_out: list[Record], form: Verbatim) -> list[str]:
+def _lines(left_out: list[Record], form: Form) -> list[str]:
     """Returns a line for each record that is left out."""
     return [f"{record.kind} {form.id(record)}: unfinished" for record in left_out]
 
@@ -125,7 +133,7 @@ def _has_claims(records: list[Record]) -> bool:
     return any(record.kind == "run" for record in records)
 
 
-def _copy(record: Record, target: Results, form: Verbatim) -> None:
+def _copy(record: Record, target: Results, form: Form) -> None:
     """Copies a record without its checkpoints."""
     copied = target.folder(record.kind, form.id(record))
     files.make_directory(copied.path)
@@ -144,7 +152,7 @@ def _copy(record: Record, target: Results, form: Verbatim) -> None:
     copied.begin(form.manifest(record, tuple(entries)))
 
 
-def settings_of_datasets(results: Results, form: Verbatim) -> dict[str, Any]:
+def settings_of_datasets(results: Results, form: Form) -> dict[str, Any]:
     """Returns the settings of datasets by id, as encoders in the archive call it.
 
     An archive has no datasets, but its matrix makes them again.
@@ -171,9 +179,13 @@ def _write_texts(
     failed = [f"run {run.id}: failed" for run in runs if run.status == "failed"]
     missing = "; ".join([*failed, *left_out]) or "none"
     text = _README.format(version=__version__, runs=len(runs), missing=missing)
-    (root / "README.txt").write_text(text)
-    (root / "matrix.toml").write_text(matrix([run.settings for run in runs], encoders, datasets))
-    (root / "requirements.txt").write_text(lock())
+    texts = {
+        "README.txt": text,
+        "matrix.toml": matrix_text([run.settings for run in runs], encoders, datasets),
+        "requirements.txt": lock(),
+    }
+    for name, content in texts.items():
+        (root / name).write_text(content, encoding="utf-8")
 
 
 def _zipped(root: Path) -> bytes:

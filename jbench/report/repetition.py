@@ -12,7 +12,7 @@ from jbench.report.data.sources import Source
 from jbench.report.texts import clean
 from jbench.store import Results
 from jbench.studies.commands import commands
-from jbench.studies.rebuilt_matrix import matrix
+from jbench.studies.rebuilt_matrix import matrix_text
 from jbench.wording import counted
 
 _NOT_TRAINED = (IMPORTED, FILE)
@@ -50,9 +50,13 @@ def repetition(source: Source, results: Results | None) -> Repetition:
     records = [] if results is None else results.scan("dataset")[0]
     datasets = {record.id: record.settings for record in records}
     words = [_command(text) for text in runs["provenance"]]
-    typed, rebuilt = commands(zip(settings, words, strict=True))
-    lines = matrix(settings, encoders, datasets).splitlines()
-    return Repetition("\n".join(map(clean, lines)), [*map(clean, typed)], [*map(clean, rebuilt)])
+    made = commands(zip(settings, words, strict=True))
+    lines = matrix_text(settings, encoders, datasets).splitlines()
+    return Repetition(
+        matrix="\n".join(clean(line) for line in lines),
+        typed=[clean(line) for line in made.typed],
+        rebuilt=[clean(line) for line in made.rebuilt],
+    )
 
 
 def _command(provenance: Any) -> Any:

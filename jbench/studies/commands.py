@@ -3,7 +3,7 @@
 import json
 import shlex
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from jbench.representation_names import FULL
 from jbench.settings.defaults import chosen
@@ -14,10 +14,15 @@ from jbench.studies.rebuilt_matrix import SameSettings, groups
 from jbench.typed_values import in_ranges
 
 
-def commands(
-    runs: Iterable[tuple[Mapping[str, Any], object]],
-) -> tuple[list[str], list[str]]:
-    """Returns the command lines that trained runs, and rebuilt ones where none was recorded.
+class Commands(NamedTuple):
+    """Command lines that train runs: as they were typed, and rebuilt where none was recorded."""
+
+    typed: list[str]
+    rebuilt: list[str]
+
+
+def commands(runs: Iterable[tuple[Mapping[str, Any], object]]) -> Commands:
+    """Returns the command lines that trained runs.
 
     Args:
         runs: recorded settings, and the recorded words of the command, None for none.
@@ -29,7 +34,8 @@ def commands(
             typed[shell_command({"command": words})] = None
         else:
             rest.append(read_run(settings))
-    return list(typed), [train_command(group) for group in groups(rest)]
+    rebuilt = [train_command(group) for group in groups(rest)]
+    return Commands(list(typed), rebuilt)
 
 
 def train_command(group: SameSettings) -> str:

@@ -53,7 +53,7 @@ def _is_trained_here(run: Run) -> bool:
     return isinstance(run, RunSettings) and run.accepted is None
 
 
-def matrix(runs: Iterable[Mapping[str, Any]], encoders: Recorded, datasets: Recorded) -> str:
+def matrix_text(runs: Iterable[Mapping[str, Any]], encoders: Recorded, datasets: Recorded) -> str:
     """Returns a matrix file for `jbench sweep` that trains recorded runs.
 
     Values that all parts share are written once, above the parts. Runs that jbench can't train,
@@ -156,7 +156,7 @@ def _usual_dataset(run: RunSettings) -> str | None:
 def _unknown_of_encoder(run: RunSettings, encoders: Recorded, datasets: Recorded) -> str:
     """Returns a comment on what a matrix lacks of the encoders that seeds have each; "" if nothing.
 
-    See `matrix` for the arguments.
+    See `matrix_text` for the arguments.
     """
     if run.encoder_draws is None:
         return ""

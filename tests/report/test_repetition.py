@@ -9,7 +9,7 @@ from jbench.report.encoders import descriptions
 from jbench.report.frames import Frames
 from jbench.report.repetition import drops, repetition
 from jbench.store.tables import read_tables
-from jbench.studies.rebuilt_matrix import matrix
+from jbench.studies.rebuilt_matrix import matrix_text
 from tests.store.store_rows import alter_manifest
 from tests.training.small_runs import small_run
 
@@ -56,7 +56,7 @@ def test_page_has_the_matrix_and_the_commands(fabric):
     settings = [recorded(fabric, typed, **usual), recorded(fabric, None, **usual, seed=5)]
     found = Frames(fabric.results)
     repeat = repetition(found.source, fabric.results)
-    assert repeat.matrix + "\n" == matrix(settings, {}, {})
+    assert repeat.matrix + "\n" == matrix_text(settings, {}, {})
     assert repeat.typed == ["jbench train --algo td3 --seeds '0<1'"]
     (rebuilt,) = repeat.rebuilt
     assert "--seeds 5 --steps 8000" in rebuilt

@@ -16,7 +16,7 @@ from jbench.store.shipped import shipped_results
 from jbench.studies.commands import commands
 from jbench.studies.file import read_file
 from jbench.studies.matrix import read_matrix
-from jbench.studies.rebuilt_matrix import matrix
+from jbench.studies.rebuilt_matrix import matrix_text
 from jbench.sweeps.cell import all_runs, matrix_cells
 from jbench.training.request import request_runs
 from jbench.typed_values import in_ranges, parse_numbers
@@ -81,7 +81,7 @@ def test_matrix_and_commands_train_runs_of_every_kind(tmp_path):
     runs = made(tmp_path)
     settings = [run.values for run in runs]
     wanted = {run.id for run in runs}
-    text = matrix(settings, {}, {})
+    text = matrix_text(settings, {}, {})
     assert runs_by_matrix(text, Results(tmp_path), tmp_path / "m.toml") == wanted
 
     typed, rebuilt = commands((each, None) for each in settings)
@@ -102,7 +102,9 @@ def test_matrix_and_commands_train_the_shipped_runs(tmp_path):
     encoders = {record.id: record.settings for record in results.scan("encoder")[0]}
     settings = [record.settings for record in records]
     wanted = {record.id for record in records}
-    assert runs_by_matrix(matrix(settings, encoders, {}), results, tmp_path / "m.toml") == wanted
+    assert (
+        runs_by_matrix(matrix_text(settings, encoders, {}), results, tmp_path / "m.toml") == wanted
+    )
     _, rebuilt = commands((each, None) for each in settings)
     assert set().union(*(runs_by_command(line, results) for line in rebuilt)) == wanted
 
@@ -120,19 +122,19 @@ def test_encoder_of_each_agent_is_trained_on_its_dataset(tmp_path):
     assert cell.dataset is not None
     known = {cell.dataset.id: cell.dataset.values}
 
-    text = matrix(settings, encoders, known)
+    text = matrix_text(settings, encoders, known)
     assert runs_by_matrix(text, results, tmp_path / "m.toml") == {run.id for run in cell.runs}
     lost = f"# Encoders learned from {cell.dataset.id}, whose steps are not known: add them."
     assert lost not in text
-    assert lost in matrix(settings, encoders, {}).splitlines()
+    assert lost in matrix_text(settings, encoders, {}).splitlines()
     lost = f"# The options of {cell.runs[0].encoder} are not known: add them."
-    assert lost in matrix(settings, {}, {}).splitlines()
+    assert lost in matrix_text(settings, {}, {}).splitlines()
 
 
 def test_parts_name_shared_values_once_and_tasks_together(tmp_path):
     runs = [run.values for run in made(tmp_path)]
     chosen = [run for run in runs if run["algo"] == "td3" and run["engine"] == "batched"]
-    text = matrix(chosen, {}, {})
+    text = matrix_text(chosen, {}, {})
     assert text.count("[[part]]") == 2
     assert text.count("learning_starts") == 1
     assert 'tasks = ["face_direction", "move_to_pose"]' in text
@@ -141,7 +143,7 @@ def test_parts_name_shared_values_once_and_tasks_together(tmp_path):
 def test_values_that_toml_does_not_have_are_written_as_toml(tmp_path):
     rule = next(run for run in made(tmp_path) if run.algo == "jbench.rules:SAC").values
     unusual = {"bound": None, "bounds": [None, 2.5e-7], "": "null of \u2028"}
-    text = matrix([{**rule, "hyperparameters": unusual}], {}, {})
+    text = matrix_text([{**rule, "hyperparameters": unusual}], {}, {})
     (part,) = tomllib.loads(text)["part"]
     written = {"bound": "null", "bounds": ["null", 2.5e-7], "": "null of \u2028"}
     assert part["hyperparameters"] == {"jbench.rules:SAC": written}
@@ -153,12 +155,14 @@ def test_values_that_toml_does_not_have_are_written_as_toml(tmp_path):
 
 def test_recorded_commands_stand_as_typed_and_other_programs_are_comments():
     td3 = read_run({"engine": "cpu", "task": "a\nb", "algo": "x", "representation": "full"})
-    assert "# 1 runs of a b x full were trained by another program" in matrix([td3.values], {}, {})
+    assert "# 1 runs of a b x full were trained by another program" in matrix_text(
+        [td3.values], {}, {}
+    )
     words = ["/home/ada/bin/jbench", "train", "--set", "hidden_layers=[8, 8]"]
     loop = ["/home/ada/loop.py", "--fast"]
-    typed, rebuilt = commands([(td3.values, words), (td3.values, loop), (td3.values, words)])
-    assert typed == ["jbench train --set 'hidden_layers=[8, 8]'", "python loop.py --fast"]
-    assert rebuilt == []
+    made = commands([(td3.values, words), (td3.values, loop), (td3.values, words)])
+    assert made.typed == ["jbench train --set 'hidden_layers=[8, 8]'", "python loop.py --fast"]
+    assert made.rebuilt == []
 
 
 @pytest.mark.parametrize("text", ["0", "0-2", "0-1,3,7-9"])

@@ -8,7 +8,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
@@ -25,9 +25,16 @@ from jbench.tasks.find import find_task
 _OVERHEAD = 1.5  # upper bound of file size over the size of the arrays; 1.2 is measured
 
 
+class Exported(NamedTuple):
+    """A dataset of Minari: its id, which is its path in the directory of all, and its bytes."""
+
+    id: str
+    bytes: int
+
+
 def export_minari(
     dataset: Dataset, task: str, root: Path, progress: Callable[[int], None] = lambda episodes: None
-) -> tuple[str, int]:
+) -> Exported:
     """Writes a dataset for Minari with the observations and rewards of a task.
 
     The export is atomic: it is written to a hidden directory beside the target. An interrupted
@@ -38,9 +45,6 @@ def export_minari(
         task: whose observations and rewards are written.
         root: directory of Minari datasets (MINARI_DATASETS_PATH).
         progress: is called with the number of completed episodes.
-
-    Returns:
-        Minari's id, which is its path in `root`, and its bytes on disk.
 
     Raises:
         RequestError: if Minari is not installed, the target exists, or the dataset is of another
@@ -89,7 +93,7 @@ def export_minari(
         finally:
             _remove(temporary)
 
-    return id, written
+    return Exported(id, written)
 
 
 def _remove(directory: Path) -> None:
@@ -106,11 +110,11 @@ def _write(dataset: Dataset, task: str, id: str, to: Path, progress: Callable[[i
     from minari.dataset.minari_storage import MinariStorage
 
     augment = dataset.settings.augment
+    register_task(task)
     # A copy, since Gymnasium returns its registry's object.
     spec = copy.deepcopy(gymnasium.spec(environment_id(task, augment is not None)))
     spec.max_episode_steps = dataset.settings.episode_steps
     if augment is not None:
-    register_task(task)
         spec.kwargs["augment"] = augment
 
     # Minari 0.5.4 fails on relative paths.

@@ -121,8 +121,9 @@ class Dataset:
         self, task: str, part: range, steps: FileEntry, episodes: FileEntry
     ) -> tuple[pa.Table, pa.Table]:
         """Returns the rows of a part's steps and episodes; a WorkError if they are not valid."""
-        columns = self.layout.columns(task)
-        rows, of_episodes = map(self.record.read_part, (steps, episodes), columns)
+        columns_of_steps, columns_of_episodes = self.layout.columns(task)
+        rows = self.record.read_part(steps, columns_of_steps)
+        of_episodes = self.record.read_part(episodes, columns_of_episodes)
         flaw = self.layout.flaw(rows, of_episodes, part, self.settings.episode_steps)
         if flaw is not None:
             raise WorkError(

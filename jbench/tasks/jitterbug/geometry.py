@@ -31,7 +31,7 @@ class Target(NamedTuple):
 
 
 def wrap_angle(angle: Array) -> Array:
-    """Wraps an angle to (-pi, pi]; angles within that range are rewrapped exactly."""
+    """Wraps an angle to (-pi, pi]; angles within (-pi, pi) are returned unchanged."""
     xp = namespace(angle)
     wrapped = angle - 2 * math.pi * xp.ceil((angle - math.pi) / (2 * math.pi))
     # Rounding may leave a wrapped angle slightly outside.

@@ -163,12 +163,11 @@ class MoveToPose(Turner, MoveToPosition):
         turn_on = np.where(far, self.far_turn_on, self.turn_on)
         turn_off = np.where(far, self.far_turn_off, self.turn_off)
         reach = np.where(self._turns, self.turn_off_distance, self.near)
-        self._turns = (far | (distance < reach)) & (
-            remaining > np.where(self._turns, turn_off, turn_on)
-        )
+        is_in_reach = far | (distance < reach)
+        self._turns = is_in_reach & (remaining > np.where(self._turns, turn_off, turn_on))
         passed = np.sign(motion.angle) * (motion.mass - np.angle(motion.target))
-        reach = np.where(far, 0, np.minimum(distance / self.homing_distance, 1))
-        homing = self.homing * reach * np.cos(passed + self.homing_phase)
+        homing_scale = np.where(far, 0, np.minimum(distance / self.homing_distance, 1))
+        homing = self.homing * homing_scale * np.cos(passed + self.homing_phase)
         turning = self._turn(motion, homing, at_max_torque=far)
         return np.where(self._turns, turning, super()._torque(motion))
 

@@ -32,6 +32,7 @@ from jbench.policies.layers import (
     Tanh,
 )
 from jbench.policies.network import SavedNetwork
+from jbench.policies.unit_actions import check_unit_actions
 from jbench.tasks.task import Act
 from jbench.wording import counted
 
@@ -106,6 +107,7 @@ def _function(actor: Actor) -> Callable[[NDArray[np.float32]], Any]:
     # Also a policy of stable-baselines3, a module whose actions are random when it is called.
     predict = getattr(actor, "predict", None)
     if callable(predict) and "deterministic" in (plugins.parameters(predict) or {}):
+        check_unit_actions(actor)
         normalized: Callable[..., Any] = np.asarray
         statistics = normalization(actor)
         if statistics is not None:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from torch import nn
 
@@ -20,6 +21,7 @@ from jbench.names import TASKS
 from jbench.policies.actors import UnsupportedPolicyError, float32_array, module_layers
 from jbench.policies.layers import Float, Linear, SavedLayer, Tanh
 from jbench.policies.network import SavedNetwork
+from jbench.policies.unit_actions import Bounds, to_unit_actions
 from jbench.tasks.find import find_task
 from jbench.wording import counted
 
@@ -33,15 +35,18 @@ class _ActorForm:
         hidden: beginning of the names of those before them, if they have another.
         activation: of the hidden layers, by torch's name, unless the file names another.
         output: layers that are applied to the last linear one.
+        is_scaled: whether stable-baselines3 scales what the layers return, in [-1, 1], to the
+            bounds of the actions; else it is the action, which is clipped to the bounds.
     """
 
     last: str
     hidden: str
     activation: str
     output: Sequence[SavedLayer] = ()
+    is_scaled: bool = False
 
 
-_DETERMINISTIC = _ActorForm("actor.mu.", "actor.latent_pi.", "ReLU", [Tanh()])
+_DETERMINISTIC = _ActorForm("actor.mu.", "actor.latent_pi.", "ReLU", [Tanh()], is_scaled=True)
 """Of SAC and TQC; DDPG and TD3 have all weights in the last ones."""
 
 _STOCHASTIC = _ActorForm("action_net.", "mlp_extractor.policy_net.", "Tanh")
@@ -70,14 +75,20 @@ def zip_content(path: str) -> bytes:
 
 
 def read_sb3_zip(path: str, task: str) -> SavedNetwork:
-    """Returns the deterministic policy of a saved model; raises a RequestError if there is none."""
+    """Returns the deterministic policy of a saved model, whose actions are in [-1, 1].
+
+    Raises a RequestError if there is none, or the model's actions mean something else than those
+    of the task.
+    """
     content = zip_content(path)
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as file:
             data: dict[str, Any] = json.loads(file.read("data"))
             weights = _weights(file.read("policy.pth"))
-        network = SavedNetwork(_layers(data, weights))
-        sizes = network.sizes
+        form = _find_form(data, weights)
+        layers = _layers(form, data, weights)
+        sizes = SavedNetwork(layers).sizes
+        bounds = _action_bounds(data)
     except UnsupportedPolicyError as error:
         raise RequestError(
             f"{path}: {error.why}; load the model in a module of yours and type MODULE:NAME."
@@ -89,7 +100,7 @@ def read_sb3_zip(path: str, task: str) -> SavedNetwork:
     inputs, outputs = sizes
     wanted = find_task(task)
     if sizes == (wanted.observation_size, wanted.action_size):
-        return network
+        return SavedNetwork([*layers, *to_unit_actions(path, bounds, form.is_scaled, wanted)])
 
     advice = "name its task with --task"
     fitting = [name for name in TASKS if (find_task(name).observation_size, 1) == sizes]
@@ -103,17 +114,26 @@ def read_sb3_zip(path: str, task: str) -> SavedNetwork:
     )
 
 
-def _layers(data: dict[str, Any], weights: dict[str, Float]) -> list[SavedLayer]:
+def _action_bounds(data: dict[str, Any]) -> Bounds | None:
+    """Returns the bounds of a model's actions, if its file has them in digits.
+
+    They are recorded as the text [-2. -0.4], in which more than 1000 numbers are abbreviated.
+    Raises an UnsupportedPolicyError if its actions are no real numbers.
+    """
+    space: dict[str, Any] = data.get("action_space") or {}
+    kind = str(space.get(":type:", "Box")).rpartition(".")[2].strip("'>")
+    if kind != "Box":
+        raise UnsupportedPolicyError(f"its actions are {kind}, no real numbers")
+
+    texts = [str(space.get(name, "")) for name in ("low", "high")]
+    minimum, maximum = (text.replace("[", " ").replace("]", " ").split() for text in texts)
+    if not minimum or len(minimum) != len(maximum) or "..." in minimum:
+        return None
+    return np.array([minimum, maximum], np.float64)
+
+
+def _layers(form: _ActorForm, data: dict[str, Any], weights: dict[str, Float]) -> list[SavedLayer]:
     """Returns the layers of an actor from a file of sb3's weights."""
-    if data.get("use_sde"):
-        raise UnsupportedPolicyError("it explores with gSDE")
-    if any("features_extractor." in name or "shared_net." in name for name in weights):
-        raise UnsupportedPolicyError("it has a features extractor of its own")
-
-    form = _find_form(weights)
-    if form is None:
-        raise UnsupportedPolicyError("its actor is not that of DDPG, TD3, SAC, PPO or the like")
-
     # It is recorded as <class 'torch.nn.modules.activation.ELU'>.
     typed = (data.get("policy_kwargs") or {}).get("activation_fn") or form.activation
     name = str(typed).rpartition(".")[2].strip("'>")
@@ -128,12 +148,18 @@ def _layers(data: dict[str, Any], weights: dict[str, Float]) -> list[SavedLayer]
     return [*layers, *form.output]
 
 
-def _find_form(weights: dict[str, Float]) -> _ActorForm | None:
-    """Returns the form whose names the weights have; None if there is none."""
+def _find_form(data: dict[str, Any], weights: dict[str, Float]) -> _ActorForm:
+    """Returns the form whose names the weights have, or raises an UnsupportedPolicyError."""
+    if data.get("use_sde"):
+        raise UnsupportedPolicyError("it explores with gSDE")
+    if any("features_extractor." in name or "shared_net." in name for name in weights):
+        raise UnsupportedPolicyError("it has a features extractor of its own")
+
     for form in _FORMS:
         if any(name.startswith(form.last) for name in weights):
             return form
-    return None
+
+    raise UnsupportedPolicyError("its actor is not that of DDPG, TD3, SAC, PPO or the like")
 
 
 def _linear(prefix: str, weights: dict[str, Float]) -> list[Linear]:

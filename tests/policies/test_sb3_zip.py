@@ -12,9 +12,20 @@ from stable_baselines3 import A2C, DDPG, PPO, SAC, TD3
 
 from jbench.cli import main
 from jbench.errors import RequestError
+from jbench.policies.actors import acting
 from jbench.policies.sb3_zip import read_sb3_zip
+from jbench.tasks.find import find_task
 
 FACE = "face_direction"
+PENDULUM = "gym:Pendulum-v1"
+
+
+def leaning_pendulum():
+    """Its torque of -2 to 2 is asked for by actions in [-0.1, 0.3]."""
+    return gymnasium.wrappers.RescaleAction(gymnasium.make("Pendulum-v1"), *np.float32([-0.1, 0.3]))
+
+
+LEANING = f"{__name__}:leaning_pendulum"
 
 
 @pytest.fixture
@@ -62,6 +73,67 @@ def test_actions_are_those_of_the_model(save, algorithm, kwargs):
     found = read_sb3_zip(path, FACE).act(observations)
     assert np.ptp(wanted) > 1e-3
     np.testing.assert_allclose(found, wanted, atol=1e-5)
+
+
+@pytest.mark.parametrize("algorithm", [PPO, A2C, SAC, TD3])
+@pytest.mark.parametrize(
+    ("make", "task"),
+    [(leaning_pendulum, LEANING), (lambda: gymnasium.make("Pendulum-v1"), PENDULUM)],
+)
+def test_commands_are_the_actions_of_a_model_of_the_environment_itself(
+    algorithm, make, task, tmp_path
+):
+    model = algorithm("MlpPolicy", make(), seed=0, device="cpu")
+    model.save(tmp_path / "model.zip")
+    observations = np.random.default_rng(0).normal(size=(50, 3)).astype(np.float32)
+    wanted, _ = model.predict(observations, deterministic=True)
+    actions = read_sb3_zip(str(tmp_path / "model.zip"), task).act(observations)
+    assert np.ptp(wanted) > 1e-3
+    np.testing.assert_allclose(find_task(task).commands(actions), wanted, atol=1e-6)
+
+
+def test_torque_of_a_model_of_the_pendulum(tmp_path):
+    """An action of 1 is half of the largest torque, 2, and one of 9 the largest."""
+    model = PPO("MlpPolicy", gymnasium.make("Pendulum-v1"), seed=0, device="cpu")
+    torch.nn.init.zeros_(model.policy.action_net.weight)
+    for torque, action in ((1.0, 0.5), (9.0, 1.0), (-9.0, -1.0)):
+        torch.nn.init.constant_(model.policy.action_net.bias, torque)
+        model.save(tmp_path / "model.zip")
+        network = read_sb3_zip(str(tmp_path / "model.zip"), PENDULUM)
+        assert network.act(np.zeros((1, 3), np.float32)).tolist() == [[action]]
+
+
+def test_model_of_jbenchs_environment_acts_as_before(tmp_path):
+    env = gymnasium.wrappers.RescaleAction(gymnasium.make("Pendulum-v1"), -1, 1)
+    PPO("MlpPolicy", env, device="cpu").save(tmp_path / "model.zip")
+    assert len(read_sb3_zip(str(tmp_path / "model.zip"), PENDULUM).layers) == 5
+
+
+@pytest.mark.parametrize("algorithm", [PPO, SAC])
+def test_model_with_other_bounds_than_the_task_is_refused(algorithm, tmp_path):
+    model = algorithm("MlpPolicy", gymnasium.make("Pendulum-v1"), device="cpu")
+    path = str(tmp_path / "model.zip")
+    model.save(path)
+    with pytest.raises(RequestError, match=r"actions in \[-2, 2\], but those .* \[-0.1, 0.3\]; "):
+        read_sb3_zip(path, LEANING)
+
+    with zipfile.ZipFile(path) as old:
+        content = {name: old.read(name) for name in old.namelist()}
+    data = json.loads(content["data"])
+    data["action_space"]["low"] = "[-2. ... -2.]"
+    content["data"] = json.dumps(data)
+    with zipfile.ZipFile(path, "w") as new:
+        for name, part in content.items():
+            new.writestr(name, part)
+    with pytest.raises(RequestError, match="does not say between which bounds"):
+        read_sb3_zip(path, PENDULUM)
+
+
+def test_model_that_returns_commands_is_no_actor(tmp_path):
+    model = PPO("MlpPolicy", gymnasium.make("Pendulum-v1"), device="cpu")
+    for actor in (model, model.policy):
+        with pytest.raises(RequestError, match=r"The model's actions are in Box\(-2.0, 2.0"):
+            acting(actor, 1).__enter__()
 
 
 @pytest.mark.slow

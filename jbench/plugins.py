@@ -116,9 +116,19 @@ def _is_found(module: str) -> bool:
     try:
         return module in sys.modules or importlib.util.find_spec(module) is not None
     except ModuleNotFoundError as error:
-        if error.name is None or not f"{module}.".startswith(f"{error.name}."):
+        if not is_missing(module, error):
             raise
         return False
+
+
+def is_missing(module: str, error: Exception) -> bool:
+    """Returns whether an error says that a module, or a package that it is in, is not there.
+
+    A module may itself import one that is missing, whose name may be the beginning of its own.
+    """
+    if not isinstance(error, ModuleNotFoundError) or error.name is None:
+        return False
+    return f"{module}.".startswith(f"{error.name}.")
 
 
 def refuse_path(name: str) -> None:

@@ -175,7 +175,7 @@ def _register(name: str, module: str) -> None:
     try:
         importlib.import_module(module)
     except Exception as error:
-        if isinstance(error, ModuleNotFoundError) and module.startswith(str(error.name)):
+        if plugins.is_missing(module, error):
             if module.endswith(".py"):
                 imported, where = plugins.module_in_file(module)
                 typed = name.replace(module, imported, 1)

@@ -4,7 +4,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from jbench.errors import RequestError
+from jbench.errors import RequestError, WorkError
 from jbench.settings.records import DatasetSettings, dataset_robot
 from jbench.tasks.find import checked_task, code_provenance, find_task
 from jbench.tasks.gym_registry import find_environment
@@ -235,6 +235,18 @@ def test_code_of_a_registered_environment_of_ones_own_is_recorded(tmp_path, monk
     robot = dataset_robot(first.name, first.specs)
     assert robot["robot"] == names[0]
     assert DatasetSettings(**robot, steps=40).id.startswith("gym.labone.Labone-v0/")
+
+
+def test_module_that_lacks_a_module_of_its_own_is_there(tmp_path, monkeypatch):
+    """The name of the missing one may begin its name, as torchrl does torchrl_envs."""
+    (tmp_path / "quietlab_envs.py").write_text("import quietlab\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    lacking = r"quietlab_envs of .* can't be imported \(.*No module named 'quietlab'"
+    with pytest.raises(WorkError, match=lacking):
+        find_environment("gym:quietlab_envs:Quiet-v0")
+    with pytest.raises(RequestError, match=r"there is no module quietlab\.envs; install"):
+        find_environment("gym:quietlab.envs:Quiet-v0")
 
 
 def test_package_of_a_registered_environment_is_recorded():

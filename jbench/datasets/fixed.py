@@ -3,8 +3,9 @@
 import itertools
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, wait
-from contextlib import AbstractContextManager
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor, wait
+from contextlib import AbstractContextManager, contextmanager
+from threading import Event
 from typing import NamedTuple
 
 import pyarrow as pa
@@ -28,9 +29,18 @@ class Part(NamedTuple):
 
 
 class SimulatedSteps:
-    """The control steps of a file that have been simulated; written by one thread."""
+    """The control steps of a file that have been simulated; counted by one thread."""
 
-    done = 0
+    def __init__(self, ended: Event) -> None:
+        """Begins to count until the collection has ended."""
+        self.done = 0
+        self._ended = ended
+
+    def count(self, steps: int) -> None:
+        """Counts further control steps; raises a CancelledError after the end of the collection."""
+        if self._ended.is_set():
+            raise CancelledError
+        self.done += steps
 
 
 Simulate = Callable[[range, SimulatedSteps], Part]
@@ -51,7 +61,8 @@ def collect_fixed(
         settings: of the dataset.
         record: to which the episodes are appended.
         episodes: name of the table with a row for each episode.
-        simulation: a context with a function that simulates episodes; its end stops them.
+        simulation: a context with a function that simulates episodes; no thread is in the function
+            when it ends.
         max_files: files that are simulated at the same time.
         progress: takes the control steps that are committed or simulated, at least each second.
 
@@ -65,9 +76,10 @@ def collect_fixed(
     parts = [range(start, min(start + PART_EPISODES, total)) for start in starts]
     progress(first * length)
 
-    # Closed in reverse order: simulations stop before the pool waits for them.
-    with ThreadPoolExecutor(max_files) as makers, simulation as simulated:
-        for made, ahead in _in_order(makers, simulated, parts, max_files):
+    # Closed in reverse order: threads stop, the pool waits for them, and then their worlds close.
+    ended = Event()
+    with simulation as simulated, ThreadPoolExecutor(max_files) as makers, _setting(ended):
+        for made, ahead in _in_order(makers, simulated, parts, max_files, ended):
             if made is not None:
                 record.append(made.tables)
                 if made.failure is not None:
@@ -76,8 +88,21 @@ def collect_fixed(
             progress(record.rows(episodes) * length + ahead)
 
 
+@contextmanager
+def _setting(ended: Event) -> Iterator[None]:
+    """Sets an event at the end of a block, however it ends."""
+    try:
+        yield
+    finally:
+        ended.set()
+
+
 def _in_order(
-    makers: ThreadPoolExecutor, simulated: Simulate, parts: Sequence[range], max_files: int
+    makers: ThreadPoolExecutor,
+    simulated: Simulate,
+    parts: Sequence[range],
+    max_files: int,
+    ended: Event,
 ) -> Iterator[tuple[Part | None, int]]:
     """Yields the part of each file, and the control steps that are simulated beyond it.
 
@@ -88,7 +113,7 @@ def _in_order(
 
     def submit(files: int) -> None:
         for part in itertools.islice(waiting, files):
-            steps = SimulatedSteps()
+            steps = SimulatedSteps(ended)
             ahead.append((makers.submit(simulated, part, steps), steps))
 
     submit(max_files)

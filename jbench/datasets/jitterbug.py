@@ -6,9 +6,7 @@ rewards are computed when a dataset is read.
 
 import math
 from collections.abc import Callable, Iterator
-from concurrent.futures import CancelledError
 from contextlib import contextmanager
-from threading import Event
 from typing import Any
 
 import numpy as np
@@ -76,7 +74,6 @@ class JitterbugLayout(DatasetLayout):
 def _simulation(settings: DatasetSettings, threads: int) -> Iterator[Simulate]:
     """Yields a function that simulates some episodes of the Jitterbug, side by side."""
     model = load_model(settings.augment)
-    ended = Event()
 
     def simulate_part(episodes: range, simulated: SimulatedSteps) -> Part:
         quaternions = []
@@ -98,10 +95,8 @@ def _simulation(settings: DatasetSettings, threads: int) -> Iterator[Simulate]:
         robots = Robots(model, len(episodes), threads)
         states = [robots.reset(np.stack(quaternions))]
         for commands in stacked.T:
-            if ended.is_set():
-                raise CancelledError
             states.append(robots.step(commands))
-            simulated.done += len(episodes)
+            simulated.count(len(episodes))
 
         state = State(*(np.stack(part, axis=1) for part in zip(*states, strict=True)))
         return Part(
@@ -111,10 +106,7 @@ def _simulation(settings: DatasetSettings, threads: int) -> Iterator[Simulate]:
             }
         )
 
-    try:
-        yield simulate_part
-    finally:
-        ended.set()
+    yield simulate_part
 
 
 def steps_table(first_episode: int, state: State, actions: Float) -> pa.Table:

@@ -126,7 +126,7 @@ def _simulation(settings: DatasetSettings) -> Iterator[Simulate]:
             actions[i] = random.uniform(-1, 1, actions[i].shape)
             for step, action in enumerate(actions[i]):
                 (observations[i, step + 1],), (rewards[i, step],) = worlds.step(action[None])
-                simulated.done += 1
+                simulated.count(1)
             if worlds.failures:
                 failure = worlds.failures[0]
                 episodes = episodes[:i]

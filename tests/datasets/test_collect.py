@@ -5,8 +5,10 @@ from pydantic import ValidationError
 
 from jbench.datasets import collect, fixed
 from jbench.errors import WorkError
-from jbench.settings.records import DatasetSettings
+from jbench.settings.records import DatasetSettings, dataset_robot
 from jbench.store import Results
+from jbench.tasks.dm_worlds import DmWorlds
+from jbench.tasks.find import find_task
 from tests.short_episodes import shorten_episodes
 
 
@@ -40,6 +42,36 @@ def test_progress_is_reported_while_a_file_is_simulated(tmp_path, monkeypatch):
     # A file has ten episodes of 100 control steps, and each of the two is reported on the way.
     assert any(0 < steps < 1000 for steps in seen)
     assert any(1000 < steps < 2000 for steps in seen)
+
+
+def test_simulation_of_another_robot_stops_with_the_collection(tmp_path, monkeypatch):
+    """Ctrl-C waits for a control step, not for the file, and then the environment is closed."""
+    monkeypatch.setattr(fixed, "REPORT_SECONDS", 0.001)
+    calls = []
+
+    def noted(name):
+        method = getattr(DmWorlds, name)
+
+        def call(*arguments):
+            calls.append(name)
+            return method(*arguments)
+
+        monkeypatch.setattr(DmWorlds, name, call)
+
+    noted("step")
+    noted("close")
+    task = find_task("dmc:cartpole-swingup")
+    settings = DatasetSettings(**dataset_robot(task.name, task.specs), steps=10_000)
+
+    def interrupt(steps):
+        if steps:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        collect(settings, Results(tmp_path), 1, interrupt)
+
+    assert 0 < calls.count("step") < 10_000
+    assert calls.index("close") == len(calls) - 1
 
 
 def test_dataset_in_use_by_other_process_is_refused(tmp_path, collect_in_files_of):

@@ -59,7 +59,7 @@ def train_cells(
             view.show(event)
 
     with ExitStack() as stack:
-        if output.is_json:  # Ray prints to standard output, which is only for the JSON document
+        if output.is_json:  # Ray and trackers print to standard output, which has the document
             stack.enter_context(redirect_stdout(sys.stderr))
         if log is not None:
             logger = make_logger(log, results.path)

@@ -4,7 +4,6 @@ import contextlib
 import hashlib
 import json
 import os
-import sys
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterator
@@ -36,9 +35,7 @@ class Logger(ABC):
         run = change.record.id
         if change.is_new:
             self.end(run)
-            # What a library prints must not mix with a JSON document.
-            with contextlib.redirect_stdout(sys.stderr):
-                self._logs[run] = self._begin(run, run.rpartition("/")[0], dict(record.settings))
+            self._logs[run] = self._begin(run, run.rpartition("/")[0], dict(record.settings))
 
         for steps, time, values in _points(change):
             self._add(self._logs[run], steps, time, values)
@@ -49,8 +46,7 @@ class Logger(ABC):
     def end(self, run: str) -> None:
         """Ends the log of a run, if it was started, and waits until its points are written."""
         if run in self._logs:
-            with contextlib.redirect_stdout(sys.stderr):
-                self._finish(self._logs.pop(run))
+            self._finish(self._logs.pop(run))
 
     @abstractmethod
     def _begin(self, name: str, group: str, config: dict[str, Any]) -> Any:
@@ -226,6 +222,10 @@ def copying_rows(
         except Exception as error:
             reason = str(error) or type(error).__name__
             warn(f"Logging has stopped ({reason}); the training is not affected.")
+            # Trackers show a log that is not ended as that of a run which goes on.
+            for run in runs:
+                with contextlib.suppress(Exception):
+                    logger.end(run)
 
     thread = threading.Thread(target=copy_until_done, daemon=True)
     thread.start()

@@ -5,13 +5,15 @@ import os
 import struct
 import subprocess
 import sys
+import threading
 
 import pyarrow as pa
 import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from jbench.cli import main
-from jbench.loggers.logger import copying_rows, make_logger
+from jbench.commands import training
+from jbench.loggers.logger import Logger, copying_rows, make_logger
 from jbench.store import Results, schema
 from tests.store.store_rows import episodes
 from tests.store.store_whole import add_whole_run, restart
@@ -86,6 +88,77 @@ def test_failing_tracker_stops_logging_with_warning(results):
     assert warning.startswith("Logging has stopped (")
 
 
+class Kept(Logger):
+    """A tracker whose library prints; `ended` are the runs whose logs it has ended."""
+
+    where = "Nowhere."
+
+    def __init__(self, failing=()):
+        super().__init__()
+        self.begun = threading.Event()
+        self.printed = threading.Event()
+        self.failing = failing
+        self.ended = []
+
+    def _begin(self, name, group, config):
+        self.begun.set()
+        assert self.printed.wait(60)
+        print("from the library")
+        return name
+
+    def _add(self, log, steps, time, values):
+        if log in self.failing:
+            raise OSError("no connection")
+
+    def _finish(self, log):
+        self.ended.append(log)
+        if log in self.failing:
+            raise OSError("no connection")
+
+
+def test_output_of_the_program_stays_its_own(results, capsys):
+    run = add_whole_run(results, [1.0])
+    kept = Kept()
+    with copying_rows(results, [run.id], kept, pytest.fail):
+        assert kept.begun.wait(60)
+        print("from the loop")
+        kept.printed.set()
+    printed = capsys.readouterr()
+    assert "from the loop\n" in printed.out
+    assert printed.err == ""
+
+
+def test_output_of_a_tracker_is_no_part_of_a_document(results, capsys, monkeypatch):
+    run = add_whole_run(results, [1.0])
+    kept = Kept()
+    kept.printed.set()
+
+    def sweep(*arguments, **options):
+        assert kept.begun.wait(60)
+        return {}
+
+    monkeypatch.setattr(training, "make_logger", lambda name, path: kept)
+    monkeypatch.setattr(training, "all_runs", lambda cells: [run])
+    monkeypatch.setattr(training, "sweep", sweep)
+    monkeypatch.setattr(training.output, "is_json", True)
+    training.train_cells([], results, list, "wandb")
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert "from the library\n" in printed.err
+
+
+def test_logs_are_ended_after_a_failure(results):
+    runs = [add_whole_run(results, [1.0], seed=seed, finish=False) for seed in range(3)]
+    ids = [run.id for run in runs]
+    kept = Kept(failing=ids[1:])
+    kept.printed.set()
+    warnings = []
+    with copying_rows(results, ids, kept, warnings.append):
+        pass
+    assert kept.ended == ids[:2]
+    assert warnings == ["Logging has stopped (no connection); the training is not affected."]
+
+
 def records(content):
     """The records of a W&B file, which is a LevelDB log of one block (32 KiB)."""
     assert len(content) < 32768
@@ -150,8 +223,8 @@ def test_trackio_has_each_point_once_after_logging_twice(results):
         env={name: value for name, value in os.environ.items() if name != "TRACKIO_DIR"},
     )
     assert done.returncode == 0, done.stderr
-    # Standard output has no lines of the library.
-    found = json.loads(done.stdout)
+    # The library prints, too.
+    found = json.loads(done.stdout.splitlines()[-1])
     assert found["name"] == run.id
     assert found["config"]["algo"] == run.settings["algo"]
     assert len(found["logs"]) == 3

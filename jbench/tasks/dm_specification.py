@@ -35,7 +35,9 @@ class Bounds(NamedTuple):
         if (self.minimum == -1).all() and (self.maximum == 1).all():
             return clipped  # without rounding
         scaled: NDArray[np.float64] = (clipped + 1) * ((self.maximum - self.minimum) / 2)
-        return self.minimum + scaled
+        # The sum is rounded, so it may be just above the maximum.
+        commands: NDArray[np.float64] = np.clip(self.minimum + scaled, self.minimum, self.maximum)
+        return commands
 
 
 def read_parts(environment: Any) -> tuple[dict[str, int], tuple[str, ...]]:

@@ -81,23 +81,35 @@ def _register_environments() -> None:
 
 
 class _AfterGymnasium(importlib.abc.MetaPathFinder):
-    """Registers the environments when Gymnasium is imported after jbench."""
+    """Registers the environments when Gymnasium is imported after jbench.
+
+    Others may look for Gymnasium without importing it, so the finder stays until it is imported.
+    """
+
+    _is_looking = False
 
     def find_spec(self, fullname: str, path: object, target: object = None) -> ModuleSpec | None:
-        if fullname != "gymnasium":
+        if fullname != "gymnasium" or self._is_looking:
             return None
 
-        sys.meta_path.remove(self)
-        spec = importlib.util.find_spec(fullname)
-        if spec is not None and spec.loader is not None:
-            execute = spec.loader.exec_module
+        self._is_looking = True
+        try:
+            spec = importlib.util.find_spec(fullname)
+        finally:
+            self._is_looking = False
 
-            def execute_and_register(module: ModuleType) -> None:
-                execute(module)
-                _register_environments()
+        if spec is None or spec.loader is None:
+            return spec
 
-            spec.loader.exec_module = execute_and_register  # type: ignore[method-assign]
+        execute = spec.loader.exec_module
 
+        def execute_and_register(module: ModuleType) -> None:
+            execute(module)
+            if self in sys.meta_path:
+                sys.meta_path.remove(self)
+            _register_environments()
+
+        spec.loader.exec_module = execute_and_register  # type: ignore[method-assign]
         return spec
 
 

@@ -11,6 +11,7 @@ from hypothesis import settings
 from jbench.cores import ONE_THREAD
 from jbench.opengl import OFF
 from jbench.task_specs import EPISODE_STEPS
+from tests import order
 from tests.page_cache import leave_in_page_cache
 
 leave_in_page_cache()
@@ -44,6 +45,13 @@ def pytest_collection():
         gc.freeze()
         gc.set_threshold(20_000, 20, 20)  # by default, it takes a twenty-fifth of the tests
         gc.enable()
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items):
+    """Keeps tests that have something in common in one of several processes."""
+    if (count := order.workers()) > 1:
+        items[:] = order.in_shares(items, count)
 
 
 def pytest_sessionfinish():

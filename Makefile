@@ -51,6 +51,8 @@ lint: install
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python tests/size.py
+	$(BIN)/python tests/questions.py
+	$(BIN)/python -m tests.words
 
 # The site, in build/site; it opens without a server.
 docs: install

@@ -30,7 +30,7 @@ def results(demo_results, tmp_path):
 
 
 @pytest.mark.parametrize("name", [*DOCUMENTS, *FILES])
-def test_schema_is_one(name, run_command):
+def test_schema_is_valid_and_refuses_unknown_fields(name, run_command):
     code, printed, _ = run_command("schema", name)
     assert code == 0
     jsonschema.Draft202012Validator.check_schema(json.loads(printed))

@@ -150,7 +150,7 @@ def configuration(text):
     ("page", "heading", "count"),
     [("README.md", "final evaluation return", 6), ("docs/answer.md", "the agent observes", 14)],
 )
-def test_main_table(returns, page, heading, count):
+def test_table_of_representations_has_the_returns_of_the_runs(returns, page, heading, count):
     policies = shipped_untrained().set_index(["policy", "task"])["mean"]
     rows = table(page, heading)
     for first, *cells in rows[:count]:
@@ -201,7 +201,7 @@ def test_tables_are_as_generated():
         assert path.read_text("utf-8") == text
 
 
-def test_all_differences(returns):
+def test_every_pair_of_representations_has_a_row_of_differences(returns):
     rows = table("docs/answer-details.md", "at the end")
     assert {(*configuration(row[0]), *row[1:3]) for row in rows} == {
         (algo, task, name, baseline)
@@ -429,7 +429,7 @@ def test_planar_coordinates_help_by_what_they_leave_out(finals):
     assert decided(TASKS[1], "heading", "full").verdict == "undecided"
 
 
-def test_mirror_symmetry(returns):
+def test_text_on_mirror_symmetry_has_the_differences_of_the_runs(returns):
     rows = table("docs/answer-details.md", "at the end")
     pair = [TASKS[0], "planar-mirror", "scaled"]
     ((*_, at_end, p, _, _),) = (r for r in rows if [configuration(r[0])[1], *r[1:3]] == pair)

@@ -17,7 +17,7 @@ def runs():
     return records
 
 
-def test_they_are_intact(runs):
+def test_shipped_runs_are_finished_and_undamaged(runs):
     found = verify(shipped_results(), 1)
     assert found.faults == []
     others = [shipped_results().scan(kind)[0] for kind in ("encoder", "evaluation")]

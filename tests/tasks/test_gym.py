@@ -79,7 +79,7 @@ def test_environment_passes_gymnasium_checker(task, recwarn):
 
 
 @pytest.mark.parametrize("task", IDS)
-def test_id_and_spaces(task):
+def test_registered_environment_has_the_spaces_of_its_task(task):
     env = gymnasium.make(IDS[task])
     assert environment_id(task) == IDS[task]
     assert (env.unwrapped.task, env.spec.max_episode_steps) == (task, 1000)

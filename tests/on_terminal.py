@@ -56,7 +56,7 @@ class OnTerminal:
         """Types keys; those such as Ctrl-C reach every process of the command."""
         os.write(self._keyboard, keys)
 
-    def ended(self, seconds=120):
+    def ended(self, seconds=300):
         """Waits until the command ends; returns its exit code and all that was shown."""
         code = self._process.wait(seconds)
         self._reader.join(seconds)

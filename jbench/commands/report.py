@@ -201,9 +201,9 @@ def _report_if_possible(database: "Results", out: Path, request: Request) -> Non
 
 def _report(database: "Results", out: Path, request: Request) -> None:
     """Writes a report and prints what it says first: verdicts, tables and notes."""
-    from jbench.report.report import write_report
-
     output.if_stopped(partial(kept_report, out))
+    from jbench.report.report import write_report  # it loads for seconds
+
     source: Results | None = database
     if request.curves is not None:
         source = None

@@ -42,7 +42,7 @@ def stop(terminal, when):
     assert code == -signal.SIGINT, shown
     assert "Traceback" not in shown
     assert "Error" not in shown
-    wait_until(lambda: not terminal.processes(), seconds=30)
+    wait_until(lambda: not terminal.processes())
     return " ".join(shown.split())
 
 
@@ -98,7 +98,7 @@ def test_earlier_report_stays(results, tmp_path):
     (out / "index.html").write_text("an earlier page")
     report = ("report", "--results", "reference", "--out", out)
     with OnTerminal(*report, cwd=tmp_path) as terminal:
-        shown = stop(terminal, lambda: terminal.has_loaded("ft2font"))  # it begins to draw
+        shown = stop(terminal, lambda: terminal.has_loaded("ft2font"))  # which draws
     kept = f"Stopped. The earlier report in {out} is still there; the same command writes the new"
     assert f"{kept} one." in shown
     assert (out / "index.html").read_text() == "an earlier page"

@@ -52,10 +52,7 @@ def to_unit_actions(
         RequestError: if the model's bounds are others, or unknown where they matter.
     """
     unit = np.array([[-1.0], [1.0]]).repeat(task.action_size, axis=1)
-    of_task = unit
-    if task.specs is not None:
-        of_task = np.array([task.specs.action_minimum, task.specs.action_maximum])
-
+    of_task = task.action_bounds
     if bounds is None:
         bounds = unit
         if not _are_equal(of_task, unit):

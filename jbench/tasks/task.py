@@ -151,6 +151,13 @@ class Task(ABC):
         """A name for each value of an action, such as `action_0`."""
         return [f"action_{i}" for i in range(self.action_size)]
 
+    @property
+    def action_bounds(self) -> NDArray[np.float64]:
+        """What the actions -1 and 1 are for each actuator, (2, action_size)."""
+        if self.specs is None:
+            return np.array([[-1.0], [1.0]]).repeat(self.action_size, axis=1)
+        return np.array([self.specs.action_minimum, self.specs.action_maximum])
+
     @abstractmethod
     def worlds(
         self,

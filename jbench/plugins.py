@@ -180,7 +180,7 @@ def made_with(package: str | None) -> dict[str, str | None]:
     return {"package": f"{package} {version(package)}"}
 
 
-def provenance(what: str, name: str, points: Mapping[str, EntryPoint]) -> dict[str, Any]:
+def code_provenance(what: str, name: str, points: Mapping[str, EntryPoint]) -> dict[str, Any]:
     """Returns provenance of the code of others: what is installed, and checksums of its files.
 
     It is the version of a distribution, or the checksum of a module's bytes, and `source_files`.

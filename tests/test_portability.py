@@ -142,8 +142,9 @@ env = gymnasium.make("Jitterbug/FaceDirection-v0")
 print(env.reset(seed=0)[0].shape)
 from jbench.tasks.jitterbug.robots import load_model
 print(load_model(3).nv)
-from jbench.store.provenance import provenance
-print("dm-control" in provenance()["packages"], "mujoco" in provenance()["packages"])
+from jbench.store.provenance import process_provenance
+packages = process_provenance()["packages"]
+print("dm-control" in packages, "mujoco" in packages)
 try:
     import jbench.tasks.jitterbug.domain
 except ImportError as error:

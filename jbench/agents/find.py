@@ -110,7 +110,7 @@ def algorithm_provenance(algo: str) -> dict[str, Any]:
     if algo in SETTINGS:
         return {}
     points = {} if plugins.is_imported(algo) else {algo: _entry_point(algo)}
-    return plugins.provenance("algorithm", algo, points)
+    return plugins.code_provenance("algorithm", algo, points)
 
 
 def package_and_version(name: str) -> str | None:

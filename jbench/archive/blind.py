@@ -23,7 +23,8 @@ from jbench.names import POLICIES, TASKS
 from jbench.representation_names import ENCODER_KINDS
 from jbench.settings.algorithms import SETTINGS
 from jbench.settings.base import in_id, settings_hash
-from jbench.settings.records import CODE, EXTERNAL, JITTERBUG
+from jbench.settings.records import EXTERNAL, JITTERBUG
+from jbench.settings.specs import CODE_CHECKSUMS
 from jbench.store import Record, record_files
 from jbench.store.manifest import FileEntry, Manifest
 from jbench.store.weights import ENCODER_WEIGHTS
@@ -128,7 +129,7 @@ class Blinder:
 
             for name in _CODE_OF_RECORD:
                 self._number("code", settings.get(name))
-            for name in CODE:
+            for name in CODE_CHECKSUMS:
                 self._number("code", (settings.get("specs") or {}).get(name))
 
     def settings(self, settings: Mapping[str, Any]) -> dict[str, Any]:

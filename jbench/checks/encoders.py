@@ -22,7 +22,8 @@ from jbench.encoders.states import States
 from jbench.encoders.training import train_encoder
 from jbench.errors import RequestError, WorkError
 from jbench.settings.base import validated
-from jbench.settings.records import DatasetSettings, dataset_robot, episode_steps
+from jbench.settings.records import DatasetSettings, dataset_robot
+from jbench.settings.specs import episode_steps
 from jbench.store import Record, Results
 from jbench.tasks.find import find_task
 

@@ -92,7 +92,7 @@ def code_provenance(kind: str) -> dict[str, Any]:
     """Returns provenance of the code of a kind; none for those of jbench."""
     if kind in ENCODER_KINDS:
         return {}
-    return plugins.provenance(_NOUN, kind, offered_kinds())
+    return plugins.code_provenance(_NOUN, kind, offered_kinds())
 
 
 def present_code(encoder: Record) -> dict[str, Any]:

@@ -51,7 +51,7 @@ def policy_provenance(name: str) -> dict[str, Any]:
     """Returns provenance of the code of a policy of a user; {} for the others."""
     if not is_imported_policy(name):
         return {}
-    return plugins.provenance("policy", name, offered_policies())
+    return plugins.code_provenance("policy", name, offered_policies())
 
 
 def policy_code(name: str) -> str | None:

@@ -8,7 +8,8 @@ from jbench.arrays import Array
 from jbench.encoders import Encoder, encoder_code, load_run_encoder, on_observations
 from jbench.errors import RequestError, WorkError
 from jbench.policies.network import DESCRIPTION, WEIGHTS, SavedNetwork
-from jbench.settings.records import EXTERNAL, Specs
+from jbench.settings.records import EXTERNAL
+from jbench.settings.specs import Specs
 from jbench.store import Record, Results
 from jbench.store.code import check_code
 from jbench.store.rows import has_policy

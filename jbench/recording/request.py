@@ -21,7 +21,8 @@ from jbench.representation_names import NO_ENCODER, OFE, kind_in
 from jbench.settings.base import validated
 from jbench.settings.evaluations import EVALUATION_EPISODES, evaluation_interval
 from jbench.settings.recorded import COMPARED
-from jbench.settings.records import ExternalSettings, episode_steps
+from jbench.settings.records import ExternalSettings
+from jbench.settings.specs import episode_steps
 from jbench.store import Results, files
 from jbench.store.planned import planned, say_changed
 from jbench.store.shipped import results_to_write

@@ -15,7 +15,7 @@ from jbench.report.analysis.findings import SOLVED_BY_HAND, Finding
 from jbench.report.data.configuration import Configuration, in_order
 from jbench.report.data.points import Part, long_frame
 from jbench.report.data.untrained import RANDOM, shipped_untrained, untrained_row
-from jbench.settings.records import CODE
+from jbench.settings.specs import CODE_CHECKSUMS
 from jbench.statistics import FloatArray
 from jbench.store import Record, Results
 from jbench.wording import with_results
@@ -157,7 +157,7 @@ def _is_of_code(evaluation: Mapping[str, Any], shown: Sequence[Mapping[str, Any]
     Checksums that one of the two does not have are not compared.
     """
     mine = _recorded_specs(evaluation)
-    pairs = [(mine.get(name), specs.get(name)) for specs in shown for name in CODE]
+    pairs = [(mine.get(name), specs.get(name)) for specs in shown for name in CODE_CHECKSUMS]
     return bool(shown) and all(None in pair or pair[0] == pair[1] for pair in pairs)
 
 

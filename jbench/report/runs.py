@@ -78,7 +78,7 @@ def run_frame(source: Source, returns: ReturnsName) -> pd.DataFrame:
             "diverged": divergence(recorded["diverged"])[1],
             "day": created[:10] if isinstance(created, str) else "",
             "settings": dict(_texts(recorded["settings"])),
-            "provenance": provenance(recorded["provenance"]),
+            "provenance": readable_provenance(recorded["provenance"]),
         }
         rows.append(row)
 
@@ -86,7 +86,7 @@ def run_frame(source: Source, returns: ReturnsName) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=COLUMNS).astype({"steps": "Int64"})
 
 
-def provenance(recorded: str) -> dict[str, str]:
+def readable_provenance(recorded: str) -> dict[str, str]:
     """Returns the processor, versions and command of a run, by name; the text is untrusted."""
     values: Any = json.loads(recorded)
     values = values if isinstance(values, dict) else {}

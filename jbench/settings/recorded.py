@@ -15,8 +15,9 @@ from pydantic_core.core_schema import ValidationInfo
 
 from jbench.settings.algorithms import SETTINGS
 from jbench.settings.base import canonical_json, settings_hash
-from jbench.settings.records import EXTERNAL, ExternalSettings, Specs, episode_steps
+from jbench.settings.records import EXTERNAL, ExternalSettings
 from jbench.settings.run import RunSettings
+from jbench.settings.specs import CODE_CHECKSUMS, MADE_BY_CODE, Specs, episode_steps
 
 SettingPath = tuple[str, ...]
 """Where a setting is, such as ("hyperparameters", "tau")."""
@@ -42,15 +43,15 @@ COST = ("task", "representation", "encoder", "encoder_draws", *VARIANT, "augment
 ENCODER_VARIANT = ("task", "kind", "latents", *SEED)
 """Encoders that differ only in these have the same options."""
 
-CODE = {"model", "control_timestep", "compiled", "sources", "accepted"}
-"""Settings that may differ if users' code does: checksums of it, and what it makes of a robot."""
+_OF_CODE = {*CODE_CHECKSUMS, *MADE_BY_CODE, "accepted"}
+"""Settings that may differ if users' code does."""
 
 _IMPLIED: dict[str, Collection[str]] = {
     "task": ("specs",),
     "representation": ("encoder", "encoder_draws", "ofe"),
     "algo": ("hyperparameters", "parallel", "package", "sources"),
     "augment": ("robots",),
-    **dict.fromkeys(("sources", "compiled", "accepted"), CODE),
+    **dict.fromkeys(("sources", "compiled", "accepted"), _OF_CODE),
 }
 """Settings that necessarily differ if another one does."""
 
@@ -163,7 +164,7 @@ def without_code(run: Run) -> Run:
         return run
     specs = run.specs
     if specs is not None:
-        specs = specs.model_copy(update=dict.fromkeys(CODE & type(specs).model_fields.keys()))
+        specs = specs.model_copy(update=dict.fromkeys((*CODE_CHECKSUMS, *MADE_BY_CODE)))
     own = dict.fromkeys({"sources", "accepted"} & type(run).model_fields.keys())
     return run.model_copy(update={**own, "specs": specs})
 

@@ -6,7 +6,6 @@ from typing import Any, ClassVar, Literal, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from jbench import task_specs
 from jbench.errors import RequestError
 from jbench.names import MAX_COUNT, ImportFormat, ReturnsName, TimeLimit
 from jbench.representation_names import FULL, OFE
@@ -20,38 +19,8 @@ from jbench.settings.base import (
     settings_with,
     typed,
 )
+from jbench.settings.specs import Specs, episode_steps
 from jbench.typed_values import known
-
-CODE = ("compiled", "sources")
-"""Fields of `Specs` that are of the code behind a name, and that old records lack."""
-
-
-class Specs(Settings):
-    """What a task's robot, observation and actions are.
-
-    Part of the settings of runs, datasets and evaluations, since the code behind a task's name may
-    change. The Jitterbug's tasks have none.
-    """
-
-    model: str | None = Field(None, description="SHA-256 of the MuJoCo model's physical parameters")
-    parts: list[str] = Field(description="names of the parts of the observation, in order")
-    sizes: list[Count] = Field(description="number of values of each part")
-    action_minimum: list[float] = Field(description="what the action -1 is for each actuator")
-    action_maximum: list[float] = Field(description="what the action 1 is for each actuator")
-    control_timestep: float | None = Field(None, description="s")
-    compiled: str | None = omissible(
-        None, description="SHA-256 of all of the MuJoCo model that can move the robot"
-    )
-    sources: str | None = omissible(None, description="checksum of the code of the task")
-    episode_steps: Count = omissible(1000, description="control steps of an episode")
-    unit_rewards: bool = omissible(
-        True, description="whether every reward is in [0, 1], so that returns have a largest value"
-    )
-
-
-def episode_steps(specs: Specs | None) -> int:
-    """Returns the control steps of an episode; None are the specs of the Jitterbug."""
-    return task_specs.EPISODE_STEPS if specs is None else specs.episode_steps
 
 
 class OFESettings(Settings):

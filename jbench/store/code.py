@@ -16,7 +16,7 @@ from jbench.store.record import Record
 from jbench.wording import have, in_prose
 
 Code = Mapping[str, Any]
-"""Provenance of code, by the names of `CODE`."""
+"""Provenance of code, by the names of `PROVENANCE_OF_CODE`."""
 
 MODULES = {
     "task_sources": "task_source_sha256",
@@ -29,7 +29,7 @@ encoder; and what older versions recorded instead: the checksum of the module's 
 ROBOT = "task_compiled"
 """The checksum of the robot that MuJoCo has compiled."""
 
-CODE = (*MODULES, *MODULES.values(), ROBOT)
+PROVENANCE_OF_CODE = (*MODULES, *MODULES.values(), ROBOT)
 """Keys of a manifest's provenance that are of users' code."""
 
 ROBOT_NAME = "the robot's MuJoCo model"
@@ -152,12 +152,12 @@ def with_data_read(now: Code, before: Code) -> dict[str, Any]:
 
 def is_known(code: Code) -> bool:
     """Returns whether provenance holds anything of users' code."""
-    return any(code.get(key) for key in CODE)
+    return any(code.get(key) for key in PROVENANCE_OF_CODE)
 
 
 def code_of(provenance: Mapping[str, Any]) -> dict[str, Any]:
     """Returns the part of a record's provenance that is of users' code."""
-    return {key: provenance[key] for key in CODE if provenance.get(key)}
+    return {key: provenance[key] for key in PROVENANCE_OF_CODE if provenance.get(key)}
 
 
 def code_hash(code: Code) -> str:

@@ -12,7 +12,7 @@ from jbench.errors import RequestError
 from jbench.names import REFERENCE, Status
 from jbench.settings.base import canonical_json
 from jbench.store import files
-from jbench.store.provenance import provenance, utc_now
+from jbench.store.provenance import process_provenance, utc_now
 
 SCHEMA_VERSION = 5
 """Version of manifests and tables; incremented when either changes its meaning.
@@ -157,7 +157,7 @@ class Manifest(BaseModel):
     def new(cls, kind: RecordKind, id: str, settings: Json, made_on: Json) -> "Manifest":
         """Returns the manifest of a new record; raises a RequestError if it can't be recorded."""
         dates: Json = dict.fromkeys(("created", "updated"), utc_now())
-        made = {**provenance(), **made_on}
+        made = {**process_provenance(), **made_on}
         try:
             return cls(kind=kind, id=id, settings=dict(settings), provenance=made, **dates)
         except ValidationError as error:

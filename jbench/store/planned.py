@@ -12,14 +12,12 @@ from typing import Any, Generic, NamedTuple, TypeVar
 from pydantic import ValidationError
 
 from jbench.settings.base import RecordSettings, Settings, canonical_json
+from jbench.settings.specs import CODE_CHECKSUMS, MADE_BY_CODE
 from jbench.store.code import ROBOT_NAME, Code, changed_files, date_of, have_changed
 from jbench.store.record import Record
 from jbench.wording import counted
 
 _Settings = TypeVar("_Settings", bound=RecordSettings)
-
-_CODE = ("sources", "compiled")
-_ROBOT = ("model", "control_timestep")
 
 
 class Changed(NamedTuple):
@@ -68,11 +66,11 @@ def planned(
         if other is None or _configuration(other, free) != mine or _accepted(record.settings):
             continue
         files = changed_files(record.manifest.provenance, now)
-        if not files and _parts(other, _ROBOT) != _parts(settings, _ROBOT):
+        if not files and _parts(other, MADE_BY_CODE) != _parts(settings, MADE_BY_CODE):
             files = [ROBOT_NAME]
         if files:
             changed.append(Changed(record, tuple(files)))
-        code = _parts(other, _CODE)
+        code = _parts(other, CODE_CHECKSUMS)
         group = groups.setdefault(canonical_json(code), _SameCode(code, set()))
         group.ids.add(record.id)
 
@@ -155,11 +153,11 @@ def _configuration(settings: Settings, free: Collection[str]) -> str:
     values = {
         name: value
         for name, value in settings.values.items()
-        if name not in (*free, *_CODE, "accepted")
+        if name not in (*free, *CODE_CHECKSUMS, "accepted")
     }
     specs = values.get("specs")
     if isinstance(specs, Mapping):
-        left_out = (*_CODE, *_ROBOT)
+        left_out = (*CODE_CHECKSUMS, *MADE_BY_CODE)
         values["specs"] = {name: value for name, value in specs.items() if name not in left_out}
 
     return canonical_json(values)

@@ -40,7 +40,7 @@ _DECISIVE = {
 """Entries of provenance, and packages, that may round numbers differently if they change."""
 
 
-def provenance() -> dict[str, Any]:
+def process_provenance() -> dict[str, Any]:
     """Returns versions, processor, threads, git revision and command, as JSON values."""
     return {
         "jbench": _version("jbench"),

@@ -16,7 +16,7 @@ from jbench.errors import WorkError
 from jbench.names import Status
 from jbench.store import files, locks, record_files, schema
 from jbench.store.manifest import ID, MANIFEST, FileEntry, Json, Manifest, RecordKind
-from jbench.store.provenance import differences, provenance, utc_now, with_more, with_note
+from jbench.store.provenance import differences, process_provenance, utc_now, with_more, with_note
 from jbench.wording import with_results
 
 _Read = TypeVar("_Read")
@@ -230,7 +230,7 @@ class Record:
     def resume(self, where: Json, made_on: Json | None = None) -> dict[str, list[Any]]:
         """Records that work is resumed, and where; returns the `differences` of provenance."""
         before = self.manifest.provenance
-        changed = differences(before, {**provenance(), **(made_on or {})})
+        changed = differences(before, {**process_provenance(), **(made_on or {})})
         made = with_note(before, {"at": utc_now(), **where, "changed": changed})
         self._update(status="unfinished", summary={}, provenance=made)
         return changed

@@ -17,8 +17,9 @@ from jbench.settings.algorithms import (
 from jbench.settings.base import canonical_json, in_id, task_and_representation, validated
 from jbench.settings.evaluations import evaluation_schedule
 from jbench.settings.recorded import Run, comparable
-from jbench.settings.records import Specs, episode_steps, requested_ofe
+from jbench.settings.records import requested_ofe
 from jbench.settings.run import RunSettings
+from jbench.settings.specs import Specs, episode_steps
 from jbench.studies.file import refusals_named
 from jbench.studies.matrix import Matrix, Parts
 from jbench.task_specs import has_specs

@@ -10,7 +10,7 @@ from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
 from jbench.errors import RequestError, WorkError, sentence_of_failure
-from jbench.settings.records import Specs
+from jbench.settings.specs import Specs
 from jbench.sources import checksum
 from jbench.tasks.dm_specification import (
     UnusableError,

@@ -12,7 +12,7 @@ from typing import Any
 from jbench import plugins
 from jbench.errors import RequestError
 from jbench.names import TASKS
-from jbench.settings.records import CODE, Specs
+from jbench.settings.specs import CODE_CHECKSUMS, MADE_BY_CODE, Specs
 from jbench.sources import source_files
 from jbench.task_specs import GYM, SUITE, SUITE_TASKS, TASK_GROUP
 from jbench.tasks import gym_registry
@@ -58,7 +58,7 @@ def find_task(name: str) -> Task:
             lambda seed: environment.make(),
             files=environment.files or None,
             description=environment.description,
-            provenance=lambda: gym_registry.provenance(name),
+            provenance=lambda: gym_registry.code_provenance(name),
             draw=lambda seed: environment.make(render_mode=RENDER_MODE),
         )
     if plugins.is_imported(name):
@@ -95,7 +95,7 @@ def check_specs(name: str, recorded: Specs | None, accept_changed: bool = False)
     compared by `jbench.store.code`.
     """
     now = find_task(name).specs
-    left_out = (*CODE, "model", "control_timestep") if accept_changed else CODE
+    left_out = (*CODE_CHECKSUMS, *MADE_BY_CODE) if accept_changed else CODE_CHECKSUMS
     names = [name for name in Specs.model_fields if name not in left_out]
     fields = [name for name in names if getattr(now, name, None) != getattr(recorded, name, None)]
     if not fields:
@@ -215,6 +215,6 @@ def _made_by(name: str, factory: Any, files: Mapping[str, str]) -> DmTask:
         takes_random=takes_random,
         files=files,
         description=plugins.first_line(factory),
-        provenance=lambda: plugins.provenance("task", name, installed_tasks()),
+        provenance=lambda: plugins.code_provenance("task", name, installed_tasks()),
         draw=partial(make, render_mode=RENDER_MODE) if "render_mode" in taken else None,
     )

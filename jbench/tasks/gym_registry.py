@@ -205,8 +205,8 @@ def files_at_hand(recorded: Iterable[str]) -> dict[str, str]:
     return found
 
 
-def provenance(name: str) -> dict[str, Any]:
-    """Returns provenance of the code of an environment that was made; see `plugins.provenance`."""
+def code_provenance(name: str) -> dict[str, Any]:
+    """Returns provenance of the code of an environment that was made, as that of `plugins`."""
     environment = find_environment(name)
     made: dict[str, Any] = {}
     for module in reversed(environment.modules):

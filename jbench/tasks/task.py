@@ -12,7 +12,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from jbench.arrays import Array
-from jbench.settings.records import Specs
+from jbench.settings.specs import Specs
 from jbench.tasks.worlds import Worlds
 
 Act = Callable[[NDArray[np.float32]], NDArray[np.floating]]

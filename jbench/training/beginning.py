@@ -13,7 +13,7 @@ from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
 from jbench.store.code import code_of
 from jbench.store.files import UnreadableError
-from jbench.store.provenance import describe_changes, provenance
+from jbench.store.provenance import describe_changes, process_provenance
 from jbench.store.weights import check_encoder, encoder_weights
 from jbench.training.checkpoints import Checkpoint, copied, load
 from jbench.training.code import check_run_code
@@ -135,7 +135,7 @@ class Beginnings:
             continues = record.id
             where["run"] = continues
             # The rows were made there and then, but by another command.
-            before = {**record.manifest.provenance, "command": provenance()["command"]}
+            before = {**record.manifest.provenance, "command": process_provenance()["command"]}
             record = self._results.create("run", run.id, run.values, before)
             record.append(*source.copy)
 

@@ -20,7 +20,7 @@ from jbench.errors import RequestError
 from jbench.settings.base import Settings
 from jbench.settings.run import RunSettings
 from jbench.store import Record
-from jbench.store.provenance import describe_changes, differences, provenance
+from jbench.store.provenance import describe_changes, differences, process_provenance
 from jbench.training.engines import make_trainer
 
 RECOMPUTED = "recomputed"
@@ -123,7 +123,7 @@ def can_share(one: CompactReplay, other: CompactReplay) -> bool:
 def other_rows(record: Record) -> OtherRowsError:
     """Returns the error of a run whose replay buffer is another one when it is computed again."""
     made = record.manifest.provenance
-    changed = differences(made, provenance())
+    changed = differences(made, process_provenance())
     for name in _WITHOUT_EFFECT:
         changed.pop(name, None)
     why = "its file may have been altered, since machine and versions are the same"

@@ -28,7 +28,7 @@ from jbench.store.code import (
     code_hash,
     have_changed,
 )
-from jbench.store.provenance import device_provenance, differences, last_changes, provenance
+from jbench.store.provenance import device_provenance, differences, last_changes, process_provenance
 from jbench.store.rows import has_policy
 from jbench.tasks.task import Act
 from jbench.training.batched_run import run_batch
@@ -247,7 +247,7 @@ def default_episodes(record: Record) -> int:
 
 def changes_since(record: Record) -> dict[str, list[Any]]:
     """Returns what may round numbers differently: its values when the run began, and now."""
-    now = {**provenance(), **device_provenance(find_device(_device(record)))}
+    now = {**process_provenance(), **device_provenance(find_device(_device(record)))}
     return differences(record.manifest.provenance, now)
 
 

@@ -14,8 +14,9 @@ from jbench.settings.algorithms import Algorithm, default_time_limit
 from jbench.settings.base import task_and_representation, validated
 from jbench.settings.engines import ENGINES
 from jbench.settings.evaluations import evaluation_schedule
-from jbench.settings.records import episode_steps, requested_ofe
+from jbench.settings.records import requested_ofe
 from jbench.settings.run import RunSettings
+from jbench.settings.specs import episode_steps
 from jbench.store import Results
 from jbench.tasks.find import find_task
 

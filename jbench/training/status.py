@@ -9,7 +9,7 @@ from jbench.errors import RequestError, WorkError
 from jbench.settings.engines import ENGINES
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
-from jbench.store.provenance import device_provenance, differences, mapping, provenance
+from jbench.store.provenance import device_provenance, differences, mapping, process_provenance
 from jbench.store.run_line import committed_steps
 from jbench.tasks.find import EPISODES_REPEAT, code_provenance
 from jbench.tasks.worlds import BY_NUMBERS
@@ -72,7 +72,7 @@ def will_fail_again(record: Record, device: str = "auto") -> bool:
         device = "cpu"
     try:
         now = {
-            **provenance(),
+            **process_provenance(),
             **code_provenance(record.settings["task"]),
             **device_provenance(find_device(device)),
         }

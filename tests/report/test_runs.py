@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from jbench.report.frames import Frames
-from jbench.report.runs import provenance, provenance_frame
+from jbench.report.runs import provenance_frame, readable_provenance
 
 
 @pytest.fixture
@@ -67,6 +67,6 @@ def test_values_of_a_name_stand_together_in_the_order_in_which_names_come():
 
 def test_provenance_of_any_content_is_read():
     recorded = {"packages": {"torch": "2.13"}, "git_revision": None, "command": ["jbench", "train"]}
-    assert provenance(json.dumps(recorded)) == {"command": "jbench train", "torch": "2.13"}
-    assert provenance('{"packages": [], "command": 3}') == {"command": "3"}
-    assert provenance("[]") == {}
+    assert readable_provenance(json.dumps(recorded)) == {"command": "jbench train", "torch": "2.13"}
+    assert readable_provenance('{"packages": [], "command": 3}') == {"command": "3"}
+    assert readable_provenance("[]") == {}

@@ -15,7 +15,7 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
 from jbench.agents.batched.autograd import AutogradLearner
-from jbench.agents.batched.engine import Group
+from jbench.agents.batched.engine import SeedGroup
 from jbench.agents.batched.graphs import Captured
 from jbench.agents.batched.make import on_features, own_learner
 from jbench.agents.batched.normalize import running_statistics
@@ -93,7 +93,7 @@ def test_recorded_functions_stay_on_gpu(algo, options):
     low_precision = options.get("precision") == "bfloat16"
     tensors = Tensors(SEEDS, torch.float32, GPU, low_precision=low_precision)
     learner = rule(settings, SIZE, 1, tensors)
-    group = Group(learner, range(SEEDS), [Generators(seed, 1) for seed in range(SEEDS)])
+    group = SeedGroup(learner, range(SEEDS), [Generators(seed, 1) for seed in range(SEEDS)])
     seen, noise = (torch.empty(SEEDS, 1, size, device=GPU) for size in (SIZE, 1))
     check(tensors, learner.act, seen)
     if algo == "ppo":

@@ -28,7 +28,7 @@ _STATISTICS = "statistics/"
 _Learner = TypeVar("_Learner", bound=Learner[Any])
 
 
-class Group(NamedTuple, Generic[_Learner]):
+class SeedGroup(NamedTuple, Generic[_Learner]):
     """Seeds whose updates are computed together: one seed, or all of them in a stack."""
 
     learner: _Learner
@@ -81,11 +81,11 @@ class BatchedEngine(Engine, Generic[_Learner]):
         self.learners = [make(tensors.select(seed)) for seed in seeds]
         self._stack = make(tensors) if stacked else None
         self.groups = [
-            Group(learner, seeds[seed : seed + 1], generators[seed : seed + 1])
+            SeedGroup(learner, seeds[seed : seed + 1], generators[seed : seed + 1])
             for seed, learner in enumerate(self.learners)
         ]
         if self._stack is not None:
-            self.groups = [Group(self._stack, seeds, generators)]
+            self.groups = [SeedGroup(self._stack, seeds, generators)]
 
         self._statistics = running_statistics(
             settings, tensors.seeds, environments.size, tensors.dtype, tensors.device
@@ -237,7 +237,7 @@ class BatchedEngine(Engine, Generic[_Learner]):
         # Only one small copy from a GPU.
         return [seed for seed, is_finite in enumerate(finite.tolist()) if not is_finite]
 
-    def _still_learning(self, group: Group[_Learner]) -> bool:
+    def _still_learning(self, group: SeedGroup[_Learner]) -> bool:
         """Returns whether a seed of a group has not diverged."""
         return not all(seed in self.diverged for seed in group.seeds)
 

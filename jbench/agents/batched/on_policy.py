@@ -5,7 +5,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from jbench.agents.batched.engine import BatchedEngine, Group
+from jbench.agents.batched.engine import BatchedEngine, SeedGroup
 from jbench.agents.batched.graphs import Captured
 from jbench.agents.batched.ppo import PPOLearner, Transitions
 from jbench.agents.batched.tensors import Tensors
@@ -129,7 +129,7 @@ class Epochs:
     """The updates of one group of seeds after each rollout: shuffled minibatches."""
 
     def __init__(
-        self, settings: PPOSettings, group: Group[PPOLearner], rollout: Transitions
+        self, settings: PPOSettings, group: SeedGroup[PPOLearner], rollout: Transitions
     ) -> None:
         self.group = group
         self._learner = group.learner

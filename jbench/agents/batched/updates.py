@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from jbench.agents.batched.engine import Group
+from jbench.agents.batched.engine import SeedGroup
 from jbench.agents.batched.graphs import Captured
 from jbench.agents.batched.learner import OffPolicyLearner
 from jbench.agents.batched.normalize import RunningStatistics
@@ -27,7 +27,7 @@ class Updates:
     def __init__(
         self,
         settings: OffPolicySettings,
-        group: Group[OffPolicyLearner[Any]],
+        group: SeedGroup[OffPolicyLearner[Any]],
         replay: ReplayBuffer,
         *,
         mirror: Tensor | None = None,

@@ -17,7 +17,7 @@ import numpy as np
 from jbench.statistics import sequential
 from jbench.statistics.step_down import step_down
 from jbench.statistics.verdicts import ERROR_RATE, Verdict
-from jbench.studies.deciding import MARGIN
+from jbench.studies.quantities import MARGIN
 
 SHIFTS = (0.0, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0)  # standard deviations
 SPREADS = (25.0, 35.0, 50.0, 75.0, 100.0)  # standard deviation in returns

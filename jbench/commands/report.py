@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     "reference",
     "baseline",
     "published",
+    "margin",
 )
 def report(
     task: str | None = options.ONE_TASK,

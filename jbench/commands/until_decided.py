@@ -11,7 +11,6 @@ from jbench.statistics.sequential import BLOCK
 from jbench.statistics.verdicts import ERROR_RATE
 from jbench.store import Results
 from jbench.studies.comparisons import comparisons
-from jbench.studies.deciding import MARGIN
 from jbench.studies.entries import read_entries
 from jbench.studies.matrix import Parts
 from jbench.studies.quantities import QUANTITIES, SIMILAR
@@ -114,7 +113,7 @@ def _verdict(outcome: Outcome) -> str:
     """Returns the decision in the words of the report."""
     word = QUANTITIES[outcome.comparison.claim].word(outcome.decision.verdict)
     if word == SIMILAR:
-        return f"{word}, within {MARGIN:g}"
+        return f"{word}, within {outcome.comparison.margin:g}"
     return word
 
 

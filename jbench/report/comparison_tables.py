@@ -18,8 +18,8 @@ from jbench.report.table import (
     with_ends,
 )
 from jbench.statistics.verdicts import DECIDING_SEEDS
-from jbench.studies.deciding import MARGIN, margin
 from jbench.studies.quantities import QUANTITIES
+from jbench.wording import in_prose
 
 _OF = Column("of", "claim", lambda row: QUANTITIES[row["claim"]].title)
 """What a verdict is on."""
@@ -39,15 +39,27 @@ def verdicts_table(frames: Frames) -> Table:
         SEEDS,
         plain("corrected by", "corrected_by"),
     ]
-    similar = f"Similar: within {MARGIN:g}. " if any(map(margin, rows["task"])) else ""
     caption = (
         f"{frames.returns.capitalize()} returns at the last control step that every seed has "
         "reached. A verdict rests on an interval that is corrected for the other comparisons; the "
-        f"95% interval of the difference alone is beside it. {similar}Fewer than {DECIDING_SEEDS} "
-        "seeds decide nothing."
+        f"95% interval of the difference alone is beside it. {_similar(frames)}Fewer than "
+        f"{DECIDING_SEEDS} seeds decide nothing."
     )
     spare = ("corrected by", "difference")
     return Table("verdicts", "Does reduction help?", caption, rows, columns, spare)
+
+
+def _similar(frames: Frames) -> str:
+    """Returns a sentence on which final returns are similar, with a space after it; "" if none."""
+    margins = {task: margin for task, margin in frames.margins.items() if margin}
+    sizes = {*margins.values()}
+    if not sizes:
+        return ""
+    if len(sizes) == 1:
+        return f"Similar: within {sizes.pop():,g}. "
+
+    each = [f"{margin:,g} on {task}" for task, margin in margins.items()]
+    return f"Similar: within {in_prose(each, 'and')}. "
 
 
 def decisions_table(frames: Frames) -> Table:
@@ -96,7 +108,7 @@ def comparisons_table(frames: Frames) -> Table:
         "Final returns at the last control step that every seed of both sides has reached: "
         "probability that a run of the first has a higher one than a run of the second, and "
         f"difference of the interquartile means. {INTERVAL} The verdict is corrected for the "
-        "number of rows."
+        f"number of rows. {_similar(frames)}".rstrip()
     )
     title = "Comparison of methods" if frames.request.curves else "Comparison of two sides"
     spare = ("returns", "probability")

@@ -24,6 +24,7 @@ from jbench.settings.run import RunSettings
 from jbench.settings.variants import hyperparameter_words
 from jbench.store import Results
 from jbench.store.shipped import shipped_results
+from jbench.studies.quantities import MARGIN
 from jbench.wording import in_prose, repair_hint, with_results
 
 Pairs = list[list[Pair]]
@@ -163,6 +164,26 @@ def notes_on(configurations: Sequence[Configuration]) -> list[str]:
         f"{note}."
         for note, names in named.items()
     ]
+
+
+def use_margin(configurations: Iterable[Configuration], margin: float | None) -> None:
+    """Sets the margin, if one is typed, of configurations on tasks whose largest return is unknown.
+
+    Raises:
+        RequestError: if there are none.
+    """
+    if margin is None:
+        return
+
+    unknown = [config for config in configurations if not config.margin]
+    if not unknown:
+        raise RequestError(
+            f"--margin {margin:g}: on these tasks, final returns are similar within {MARGIN:g}; "
+            "leave --margin out."
+        )
+
+    for config in unknown:
+        config.margin = margin
 
 
 def rename(

@@ -159,6 +159,13 @@ class Request(Settings):
     published: Literal["yes", "no"] = Field(
         default="yes", description="draw the paper's curves beside yours: yes or no"
     )
+    margin: float | None = Field(
+        default=None,
+        gt=0,
+        allow_inf_nan=False,
+        description="difference of final returns that is similar, on tasks whose largest return "
+        "is unknown (default: none is)",
+    )
     names: tuple[tuple[str, str], ...] = ()
     table_columns: tuple[str, ...] | None = None
     compare: tuple[str, str] | None = None

@@ -13,7 +13,6 @@ from jbench.report.frames import Frames
 from jbench.report.numbers import signed, texts
 from jbench.report.once import once
 from jbench.statistics.verdicts import DECIDING_SEEDS
-from jbench.studies.deciding import margin
 from jbench.studies.quantities import FINAL_RETURN, QUANTITIES
 
 _STATES = {"✓": "for", "✗": "against"}
@@ -108,7 +107,7 @@ def verdict_matrices(frames: Frames) -> list[VerdictMatrix]:
     for baselines, configurations in tables_of_verdicts(verdicts):
         shown = verdicts["configuration"].isin(configurations)
         rows = verdicts[shown & verdicts["against"].isin(baselines)]
-        matrices.append(_verdict_matrix(rows, baselines, scales))
+        matrices.append(_verdict_matrix(rows, baselines, scales, frames.margins))
 
     return sorted(matrices, key=lambda matrix: matrix.row_count, reverse=True)
 
@@ -141,15 +140,25 @@ def tables_of_verdicts(verdicts: pd.DataFrame) -> list[tuple[list[str], list[str
 
 
 def _verdict_matrix(
-    verdicts: pd.DataFrame, baselines: Sequence[str], scales: "pd.Series[float]"
+    verdicts: pd.DataFrame,
+    baselines: Sequence[str],
+    scales: "pd.Series[float]",
+    margins: Mapping[str, float],
 ) -> VerdictMatrix:
-    """Returns the verdicts against some baselines; `scales` are widths of axes by claim."""
+    """Returns the verdicts against some baselines.
+
+    Args:
+        verdicts: rows of the frame of verdicts.
+        baselines: names of the representations that are compared with.
+        scales: widths of axes by claim.
+        margins: by task; see `Frames.margins`.
+    """
     judged = {*verdicts["claim"]}
     claims = {claim: each.title for claim, each in QUANTITIES.items() if claim in judged}
     groups: dict[str, list[VerdictRow]] = {}
     for _, group in verdicts.groupby("configuration", sort=False):
         cells = {
-            (row["against"], row["claim"]): _cell(row, scales[row["claim"]])
+            (row["against"], row["claim"]): _cell(row, scales[row["claim"]], margins)
             for row in group.to_dict("records")
         }
         first = group.iloc[0]
@@ -165,13 +174,13 @@ def _verdict_matrix(
     return VerdictMatrix(baselines, claims, groups)
 
 
-def _cell(row: Mapping[Any, Any], reach: float) -> VerdictCell:
+def _cell(row: Mapping[Any, Any], reach: float, margins: Mapping[str, float]) -> VerdictCell:
     """Returns the cell of a row of the frame of verdicts; the axis ends at a difference `reach`."""
 
     def at(value: float) -> float:
         return round(60 + 56 * float(np.nan_to_num(np.clip(value / (reach or 1), -1, 1))), 1)
 
-    similar = margin(row["task"]) if row["claim"] == FINAL_RETURN.claim else 0.0
+    similar = margins[row["task"]] if row["claim"] == FINAL_RETURN.claim else 0.0
     ends = [row["low"], row["high"]]
     difference, interval = texts(signed, row["value"], ends if np.isfinite(ends).all() else [])
 

@@ -16,19 +16,9 @@ from jbench.statistics.step_down import Decision, sequential_decisions
 from jbench.studies.entries import Claim
 from jbench.studies.quantities import SPEED
 from jbench.studies.study import PlannedComparison
-from jbench.task_specs import return_range
-
-MARGIN = 50.0
-"""Difference in final return within which two configurations are similar: 5% of the largest
-possible return of an episode. See `margin`."""
 
 Returns = Mapping[int, float | None]
 """Returns of finished runs by seed; None if a run has no finite return."""
-
-
-def margin(task: str) -> float:
-    """Returns the `MARGIN` on a task; 0, by which nothing is similar, if its range is unknown."""
-    return 0.0 if return_range(task) is None else MARGIN
 
 
 def compared_return(points: FloatArray, kind: ReturnsName, claim: Claim) -> float | None:
@@ -60,7 +50,7 @@ def decide(
     ]
     shares = [comparison.share for comparison in comparisons]
     analyses = [comparison.max_seeds // BLOCK for comparison in comparisons]
-    margins = [margin(comparison.first.task) for comparison in comparisons]
+    margins = [comparison.margin for comparison in comparisons]
     return sequential_decisions(pairs, shares, analyses, margins)
 
 

@@ -54,6 +54,7 @@ class Entry(Settings):
     claim: Claim = "a"
     share: Annotated[float, Field(gt=0)] = 0.0  # of the error rate; 0 until the rest is divided
     max_seeds: Annotated[_Count, Field(multiple_of=BLOCK)] = 0  # 0 for the usual number
+    margin: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 0.0  # 0 for that of the task
 
 
 def read_entries(name: str) -> dict[str, Entry]:

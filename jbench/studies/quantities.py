@@ -7,9 +7,14 @@ frames and JSON call it.
 from dataclasses import dataclass
 
 from jbench.statistics.verdicts import Verdict
+from jbench.task_specs import return_range
 
 SIMILAR = "similar"
 UNDECIDED = "undecided"
+
+MARGIN = 50.0
+"""Difference in final return within which two configurations are similar: 5% of the largest
+possible return of an episode. See `margin`."""
 
 
 @dataclass(frozen=True)
@@ -60,3 +65,8 @@ SPEED = Quantity("c", "speed", "mean return over the run", "faster", "slower")
 
 QUANTITIES = {quantity.claim: quantity for quantity in (FINAL_RETURN, VARIABILITY, SPEED)}
 """By the letters of their claims."""
+
+
+def margin(task: str) -> float:
+    """Returns the `MARGIN` on a task; 0, by which nothing is similar, if its range is unknown."""
+    return 0.0 if return_range(task) is None else MARGIN

@@ -15,7 +15,7 @@ from jbench.studies.arms import Arm, arms, short_name
 from jbench.studies.entries import Claim, Entry, Side
 from jbench.studies.file import refusals_named
 from jbench.studies.matrix import Parts
-from jbench.studies.quantities import SPEED
+from jbench.studies.quantities import SPEED, margin
 from jbench.typed_values import known
 
 SCALED = "scaled"
@@ -34,6 +34,7 @@ class PlannedComparison:
         common: what else it names of both.
         share: of the error rate, before other comparisons pass theirs on.
         max_seeds: most seeds of each arm, a multiple of the block size.
+        margin: difference within which the arms are similar; 0 if nothing is.
     """
 
     first: Arm
@@ -43,6 +44,7 @@ class PlannedComparison:
     share: float = ERROR_RATE
     claim: Claim = "a"
     max_seeds: int = MAX_SEEDS
+    margin: float = 0.0
 
     def __post_init__(self) -> None:
         """Raises a RequestError if no analysis or no error rate would be left to decide it."""
@@ -91,11 +93,16 @@ def listed_comparisons(
                 ours, theirs = (side.representation for side in (entry.first, entry.second))
                 raise RequestError(f"{ours} against {theirs} is listed twice; leave one out.")
             seen[key] = where
-            most = entry.max_seeds or max_seeds
-            labels = _label(first, entry.first), _label(second, entry.second)
             listed.append(
                 PlannedComparison(
-                    first, second, labels, _common(entry), entry.share, entry.claim, most
+                    first,
+                    second,
+                    labels=(_label(first, entry.first), _label(second, entry.second)),
+                    common=_common(entry),
+                    share=entry.share,
+                    claim=entry.claim,
+                    max_seeds=entry.max_seeds or max_seeds,
+                    margin=entry.margin or margin(first.task),
                 )
             )
 
@@ -125,7 +132,10 @@ def default_comparisons(parts: Parts, max_seeds: int = MAX_SEEDS) -> list[Planne
             theirs = baselines.get(observed(arm, name))
             if theirs is not None:
                 labels = arm.representation, name
-                compared.append(PlannedComparison(arm, theirs, labels, max_seeds=max_seeds))
+                similar = margin(arm.task)
+                compared.append(
+                    PlannedComparison(arm, theirs, labels, max_seeds=max_seeds, margin=similar)
+                )
 
     return compared
 

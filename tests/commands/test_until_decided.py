@@ -189,6 +189,7 @@ def test_listed_comparisons_replace_those_with_baselines(read, results):
     ("old", "new", "message"),
     [
         ("max_seeds = 5", "max_seed = 5", "has no key max_seed; did you mean max_seeds?"),
+        ("max_seeds = 5", "margin = 0", "can't be 0: it should be greater than 0"),
         ("max_seeds = 5", "max_seeds = 7", "can't be 7: it should be a multiple of 5"),
         ("share = 0.01", "share = 0.05", "add up to 0.05, and 1 without a share need a rest"),
         ('algo = "td3"\n', "", "the key algo of [[comparison]] is missing: give it a value."),

@@ -5,13 +5,16 @@ import pandas as pd
 import pytest
 import scipy.stats
 
+from jbench.errors import RequestError
 from jbench.report.analysis.claims import examine
 from jbench.report.analysis.decisions import decision_frame, recorded_comparisons
 from jbench.report.analysis.judging import Comparison, judge
 from jbench.report.analysis.verdicts import verdict_frame
+from jbench.report.comparison_tables import verdicts_table
 from jbench.report.encoders import prediction_frame, return_frame
 from jbench.report.frames import Frames
 from jbench.report.headline import headline
+from jbench.report.request import Request
 from jbench.settings.algorithms import algorithm_settings
 from jbench.statistics.bootstrap import Estimate
 from jbench.statistics.verdicts import Evidence
@@ -94,6 +97,23 @@ def test_nothing_is_similar_on_a_task_whose_largest_return_is_unknown(fabric):
     assert found["scaled", "full", "a"]["verdict"] == "undecided"
     (finding,) = [found for found in examine(fabric.configurations()[0]) if found.claim == "a"]
     assert finding.decided.verdict == "contradicted"
+
+
+def test_typed_margin_makes_returns_similar_where_their_range_is_unknown(fabric):
+    # The scaled agents differ by 0.1, the others by 36; seeds differ by up to 1.
+    few = np.linspace(-0.5, 0.5, 8)
+    task = {"task": "gym:Reacher-v5"}
+    learn(fabric, {"full": few - 4, "scaled11": few - 4.1, "dae12": few - 40}, **task)
+    frames = Frames(fabric.results, Request(margin=2.0))
+    rows = frames.verdicts[frames.verdicts["claim"] == "a"].set_index("representation")
+    assert rows["verdict"].to_dict() == {"scaled": "similar", "dae12": "lower"}
+    assert "Similar: within 2." in verdicts_table(frames).caption
+
+
+def test_margin_is_refused_where_the_range_of_returns_is_known(fabric):
+    learn(fabric, {"full": FINALS["full"]})
+    with pytest.raises(RequestError, match=r"--margin 9: .* similar within 50; leave --margin out"):
+        Frames(fabric.results, Request(margin=9.0))
 
 
 def test_claim_without_a_verdict_of_similarity_corrects_for_all_others(fabric):

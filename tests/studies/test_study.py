@@ -76,6 +76,12 @@ def test_sides_name_what_tells_arms_apart(first, second, name, parts, file):
     assert [arm.part.name for arm in (comparison.first, comparison.second)] == parts
 
 
+@pytest.mark.parametrize(("line", "margin"), [("", 50.0), ("margin = 20\n", 20.0)])
+def test_margin_of_an_entry_replaces_that_of_the_task(line, margin, file):
+    (comparison,) = plan(file(f'first = "planar12"\nsecond = "full"\n{line}'))
+    assert comparison.margin == margin
+
+
 @pytest.mark.parametrize(
     ("entry", "says"),
     [

@@ -37,7 +37,7 @@ from jbench.settings.recorded import comparable
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
 from jbench.statistics.verdicts import ERROR_RATE
-from jbench.studies.deciding import MARGIN, margin
+from jbench.studies.quantities import MARGIN
 from jbench.studies.study import RAW
 
 _OFF_POLICY = ("ddpg", "sac", "td3")
@@ -172,7 +172,7 @@ def _on_pair(claim: str, pair: Pair, baseline: str) -> Finding:
     high = np.inf
     if claim == SIMILAR_RETURN:  # two one-sided tests at 5%
         supporting = sample.estimate(0.9)
-        high = margin(pair.ours.task)
+        high = pair.ours.margin
         low = -high
 
     decided = claim_verdict(

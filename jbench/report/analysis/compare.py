@@ -18,7 +18,6 @@ from jbench.settings.variants import variant_labels
 from jbench.statistics import bootstrap as st
 from jbench.statistics.permutation import p_value
 from jbench.statistics.verdicts import DECIDING_SEEDS, DIRECTIONS, Evidence, corrected_level
-from jbench.studies.deciding import margin
 from jbench.studies.quantities import FINAL_RETURN
 
 PAIRS = ["task", "returns", "a", "b", "a_label", "b_label", "p", "low", "high", "decided", "steps"]
@@ -60,9 +59,8 @@ def comparison_frame(groups: Sequence[Sequence[Pair]]) -> pd.DataFrame:
 
     The verdict rests on an interval that is corrected for the number of comparisons by the same
     kind of return. Differences are of interquartile means and of medians; p is the probability that
-    a run of the first has a higher final return than one of the second. Returns of a file, and of
-    a task whose largest return is unknown, have no margin within which they are similar. A group is
-    one pair, or one on each of several tasks.
+    a run of the first has a higher final return than one of the second. A group is one pair, or one
+    on each of several tasks.
     """
     rows: list[dict[str, Any]] = []
     for kind in RETURNS:
@@ -109,7 +107,7 @@ def _compared(pairs: Sequence[Pair], known: Mapping[str, Range]) -> Comparison:
         samples[IQM_DIFFERENCE].estimate,
         p_of_difference,
         seeds=min(pair.seeds for pair in pairs),
-        margin=0.0 if ours.source == FILE else margin(ours.task),
+        margin=ours.margin if len(pairs) == 1 else 0.0,  # scaled scores have none
     )
     return Comparison(FINAL_RETURN, names, evidence)
 

@@ -20,7 +20,6 @@ from jbench.report.analysis.scores import Pair
 from jbench.report.data.configuration import ID, Configuration, with_returns
 from jbench.statistics import bootstrap as st
 from jbench.statistics.verdicts import Evidence
-from jbench.studies.deciding import margin
 from jbench.studies.quantities import QUANTITIES, SPEED, VARIABILITY, Quantity
 
 VERDICTS = [
@@ -106,4 +105,4 @@ def _evidence(quantity: Quantity, pair: Pair) -> Evidence:
         return pair.variability()
     if quantity is SPEED:
         return pair.difference("area")
-    return pair.difference("final", margin(pair.ours.task))
+    return pair.difference("final", pair.ours.margin)

@@ -20,6 +20,7 @@ from jbench.returns import EVALUATION
 from jbench.settings.algorithms import ALGORITHMS, display_name
 from jbench.settings.recorded import comparable
 from jbench.statistics import IntArray
+from jbench.studies.quantities import margin
 
 SEQUENCE_WINDOW = 20  # episodes in a moving average, of one robot each (the authors' script)
 KEY = ["task", "algo", "representation", "variant"]  # columns of runs that name a configuration
@@ -62,6 +63,8 @@ class Configuration:
         robot_episodes: episodes with each robot, in the longest run.
         draws: number of different encoders of the runs.
         has_solved_return: whether it is known from which return the task is solved.
+        margin: difference of final returns within which two configurations are similar; 0 if
+            nothing is, as for a file and for a task whose largest return is unknown.
         each_word: settings that its names have, such as `batch_size=64`.
         words: these settings, with commas.
         label: name within a task: `TD3 dae12, bfloat16`.
@@ -117,6 +120,7 @@ class Configuration:
         self.settings = first["typed"]
         self.evaluate_every = [getattr(run, "evaluate_every", 0) for run in runs["typed"]]
         self.has_solved_return = has_solved_return([self.task], [source])
+        self.margin = 0.0 if source == FILE else margin(self.task)
 
         self.lengths = self.lengths_up_to(np.inf)
         planned = runs["steps"].fillna(0).to_numpy(np.int64)

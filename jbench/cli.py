@@ -142,7 +142,8 @@ def _run(arguments: Sequence[str]) -> int:
     os.environ.setdefault("MUJOCO_GL", "disable")
     output.begin(arguments)
     try:
-        answer = app(arguments, prog_name="jbench", standalone_mode=False)
+        with output.documents_alone():
+            answer = app(arguments, prog_name="jbench", standalone_mode=False)
         if answer == _INTERRUPTED:  # as typer answers Ctrl-C
             raise KeyboardInterrupt
         sys.stdout.flush()

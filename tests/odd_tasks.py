@@ -66,6 +66,16 @@ def diverging():
     return _made(lambda data: {"v": np.tanh(data.qvel / 1e9)}, gear=1e11)
 
 
+def talkative():
+    """Prints whenever it is observed."""
+
+    def observe(data):
+        print("observed")
+        return {"v": data.qvel.copy()}
+
+    return _made(observe)
+
+
 class MadeAgain(Short):
     """Has a physics, and is made again for each episode."""
 

@@ -7,7 +7,7 @@ import os
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from functools import partial
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -33,6 +33,9 @@ has_document = False
 typed: Sequence[str] = ()
 """The arguments of the command, as they were typed."""
 
+_documents: TextIO | None = None
+"""Standard output while `documents_alone` keeps it for the document; None at other times."""
+
 _kept: Callable[[], str] = str
 """Returns what is kept if the command is stopped now; nothing, until the command says it."""
 
@@ -45,6 +48,25 @@ def begin(arguments: Sequence[str]) -> None:
     has_document = False
     _kept = str
     set_up_streams()
+
+
+@contextmanager
+def documents_alone() -> Iterator[None]:
+    """With `--json`, keeps standard output for the document inside the `with` block.
+
+    Whatever else prints there, such as a user's environment, prints to standard error.
+    """
+    global _documents
+    if not is_json or "--help" in typed:
+        yield
+        return
+
+    _documents = sys.stdout
+    try:
+        with redirect_stdout(sys.stderr):
+            yield
+    finally:
+        _documents = None
 
 
 def if_stopped(sentence: Callable[[], str] | str) -> None:
@@ -197,7 +219,7 @@ def raw(text: str) -> None:
     """Writes text to standard output unchanged."""
     global has_document
     has_document = True
-    print(text, end="", flush=True)
+    print(text, end="", file=_documents or sys.stdout, flush=True)
 
 
 @contextmanager

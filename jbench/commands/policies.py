@@ -11,6 +11,7 @@ from jbench import names, task_specs, typed_values
 from jbench.commands import options, output, parsing
 from jbench.errors import RequestError
 from jbench.report.numbers import whole
+from jbench.settings.base import in_id
 from jbench.settings.records import EvaluationSettings
 from jbench.wording import counted
 
@@ -100,8 +101,10 @@ def _returns_in_words(returns: "FloatArray", summary: Mapping[str, float]) -> st
 
 def render(
     policy: str | None = options.POLICY,
-    out: Path = Option(
-        Path("jitterbug.mp4"), help="File: FILE.mp4, FILE.gif, or FILE.png (a strip of frames)."
+    out: Path | None = Option(
+        None,
+        help="File: FILE.mp4, FILE.gif, or FILE.png, a strip of frames (default: jitterbug.mp4, or "
+        "of another robot, TASK.mp4).",
     ),
     task: str | None = options.POLICY_TASK,
     camera: str | None = Option(
@@ -136,6 +139,9 @@ def render(
     if camera is not None and about.cameras is not None:
         typed_values.known("camera", camera, (*about.cameras, FREE))
 
+    if out is None:
+        out = Path(video_name(task))
+
     length = about.episode_steps
     if steps is None:
         steps = length
@@ -150,6 +156,12 @@ def render(
     accepted = accepted_code(database, policy, accept_changed_code)
     output.say(f"{out}: {last.time:.1f} s, return {whole(last.episode_return)}{mark(accepted)}")
     output.document({"path": str(out), "episode_return": last.episode_return, "accepted": accepted})
+
+
+def video_name(task: str) -> str:
+    """Returns the name of the file of a video, if the user typed none."""
+    robot = "jitterbug" if task in names.TASKS else in_id(task).replace("/", ".")
+    return f"{robot}.mp4"
 
 
 def view(

@@ -188,7 +188,7 @@ def _sentence_on_time_left(
     included = ""
     if seconds is None:
         included = " until each configuration has a finished run"
-    elif any(status.failed for status in statuses):
+    elif any(status.failed and status.steps_left for status in statuses):
         included = ", the failed runs included"
 
     if excludes_first and seconds is not None:

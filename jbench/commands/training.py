@@ -1,8 +1,7 @@
 """What train and sweep have in common: training with its progress, and what is said afterwards."""
 
-import sys
 from collections.abc import Callable, Collection, Sequence, Sized
-from contextlib import ExitStack, redirect_stdout
+from contextlib import ExitStack
 from functools import partial
 from typing import Any
 
@@ -59,8 +58,6 @@ def train_cells(
             view.show(event)
 
     with ExitStack() as stack:
-        if output.is_json:  # Ray and trackers print to standard output, which has the document
-            stack.enter_context(redirect_stdout(sys.stderr))
         if log is not None:
             logger = make_logger(log, results.path)
             ids = {run.id for run in all_runs(cells)}
@@ -142,7 +139,9 @@ def show_runs(runs: Sequence[RunSettings], results: Results) -> None:
                 more = added.get(run.id, ())
                 line = record.reading(partial(line_with_returns, record, more))
                 rows.append(_final_returns(line))
-                evaluated.append(record.reading(partial(last_evaluation_episodes, record, more)))
+                if record.is_finished:  # others can't be evaluated
+                    count = record.reading(partial(last_evaluation_episodes, record, more))
+                    evaluated.append(count)
         except WorkError as error:
             output.warn(str(error))
 

@@ -89,7 +89,7 @@ def cell_statuses(
     for cell in cells:
         statuses = [run_status(run, results) for run in cell.runs]
         states = [status.state for status in statuses]
-        left = sum(status.steps_left for status in statuses)
+        left = sum(status.steps_left for status in statuses if not status.fails_again)
         runs = len(cell.runs) - states.count("finished")
 
         exactly = alike(cell.runs[0], SEED)

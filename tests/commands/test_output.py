@@ -1,5 +1,6 @@
 """Tests of commands whose output cannot be written, or whose pipe is closed."""
 
+import json
 import signal
 import subprocess
 import sys
@@ -40,6 +41,17 @@ def test_output_to_full_disk_prints_one_error_line(format, tmp_path):
 def test_exit_code_is_kept_when_error_cannot_be_written(tmp_path):
     with open("/dev/full", "w") as full:
         assert start("runs", results=tmp_path / "missing", stderr=full).wait() == 2
+
+
+def test_document_stands_alone_beside_what_an_environment_prints(run_command, tmp_path):
+    typed = ("evaluate", "random", "--task", "tests.odd_tasks:talkative", "--episodes", "1")
+    code, printed, said = run_command(*typed, "--json", results=tmp_path)
+    assert code == 0
+    assert json.loads(printed)["settings"]["episodes"] == 1
+    assert "observed\n" in said
+
+    _, printed, _ = run_command(*typed, "--seed", "1", results=tmp_path)
+    assert "observed\n" in printed
 
 
 def test_ctrl_c_interrupts_query(tmp_path):

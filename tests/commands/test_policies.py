@@ -7,6 +7,7 @@ from functools import partial
 import pytest
 from PIL import Image
 
+from jbench.commands.policies import video_name
 from tests import command_line
 from tests.command_line import SHORT, train
 
@@ -52,6 +53,18 @@ def test_render_writes_reported_file(augmented, tmp_path):
     width, height = Image.open(out).size
     assert width > 2 * height
     assert sorted(results.rglob("*")) == before  # pictures are not results
+
+
+@pytest.mark.parametrize(
+    ("task", "name"),
+    [
+        ("face_direction", "jitterbug.mp4"),
+        ("dmc:cheetah-run", "dmc.cheetah-run.mp4"),
+        ("gym:mine/Falls-v0,mass=2", "gym.mine.Falls-v0.mass.2.mp4"),
+    ],
+)
+def test_videos_of_two_robots_have_two_names(task, name):
+    assert video_name(task) == name
 
 
 @pytest.mark.usefixtures("rendering")

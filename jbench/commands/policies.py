@@ -140,7 +140,7 @@ def render(
         typed_values.known("camera", camera, (*about.cameras, FREE))
 
     if out is None:
-        out = Path(video_name(task))
+        out = Path(video_name(about.robot))
 
     length = about.episode_steps
     if steps is None:
@@ -158,10 +158,9 @@ def render(
     output.document({"path": str(out), "episode_return": last.episode_return, "accepted": accepted})
 
 
-def video_name(task: str) -> str:
-    """Returns the name of the file of a video, if the user typed none."""
-    robot = "jitterbug" if task in names.TASKS else in_id(task).replace("/", ".")
-    return f"{robot}.mp4"
+def video_name(robot: str) -> str:
+    """Returns the name of the file of a video, if the user typed none; see `Task.robot`."""
+    return f"{in_id(robot).replace('/', '.')}.mp4"
 
 
 def view(

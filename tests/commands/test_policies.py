@@ -8,6 +8,7 @@ import pytest
 from PIL import Image
 
 from jbench.commands.policies import video_name
+from jbench.tasks.find import find_task
 from tests import command_line
 from tests.command_line import SHORT, train
 
@@ -56,15 +57,15 @@ def test_render_writes_reported_file(augmented, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("task", "name"),
+    ("robot", "name"),
     [
-        ("face_direction", "jitterbug.mp4"),
+        (find_task("face_direction").robot, "jitterbug.mp4"),
         ("dmc:cheetah-run", "dmc.cheetah-run.mp4"),
         ("gym:mine/Falls-v0,mass=2", "gym.mine.Falls-v0.mass.2.mp4"),
     ],
 )
-def test_videos_of_two_robots_have_two_names(task, name):
-    assert video_name(task) == name
+def test_videos_of_two_robots_have_two_names(robot, name):
+    assert video_name(robot) == name
 
 
 @pytest.mark.usefixtures("rendering")

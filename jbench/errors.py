@@ -32,6 +32,20 @@ class ElsewhereError(WorkError):
     exit_code = 3
 
 
+ERRORS_OF_OTHERS = (Exception, SystemExit)
+"""What code of others may raise where it is called: `sys.exit` in an environment, an agent or a
+policy must fail their work in a sentence, not end jbench without a word."""
+
+
+def without_exit(error: Exception | SystemExit) -> Exception:
+    """Returns an error that can be raised again: of a `SystemExit`, a WorkError says the same."""
+    if isinstance(error, Exception):
+        return error
+    made = WorkError(f"Code that jbench called ended the process ({sentence_of_failure(error)}).")
+    made.__cause__ = error
+    return made
+
+
 def sentence_of_failure(error: BaseException) -> str:
     """Returns the sentence of a `RequestError` or `WorkError`; of others, type, text and line.
 
@@ -39,8 +53,11 @@ def sentence_of_failure(error: BaseException) -> str:
     """
     if isinstance(error, RequestError | WorkError):
         return str(error)
-    said = f"{type(error).__name__}: {error}"
-    return f"{' '.join(said.split())}{_line_of_user(error)}"
+    said = type(error).__name__
+    text = " ".join(str(error).split())
+    if text:
+        said += f": {text}"
+    return f"{said}{_line_of_user(error)}"
 
 
 def _line_of_user(error: BaseException) -> str:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from jbench import installed, sources
-from jbench.errors import RequestError, WorkError, sentence_of_failure
+from jbench.errors import ERRORS_OF_OTHERS, RequestError, WorkError, sentence_of_failure
 from jbench.typed_values import closest
 
 _IMPORTED = re.compile(r"[A-Za-z_][A-Za-z0-9_.]*:[A-Za-z_][A-Za-z0-9_]*")
@@ -121,7 +121,7 @@ def _is_found(module: str) -> bool:
         return False
 
 
-def is_missing(module: str, error: Exception) -> bool:
+def is_missing(module: str, error: BaseException) -> bool:
     """Returns whether an error says that a module, or a package that it is in, is not there.
 
     A module may itself import one that is missing, whose name may be the beginning of its own.
@@ -238,6 +238,6 @@ def _attempt(load_it: Callable[[], Any], subject: str, otherwise: str = "") -> A
     """Loads code of others; what it raises is a WorkError, which says how to go on."""
     try:
         return load_it()
-    except Exception as error:
+    except ERRORS_OF_OTHERS as error:
         reason = sentence_of_failure(error)
         raise WorkError(f"{subject} ({reason}); fix it{otherwise}.") from None

@@ -80,6 +80,13 @@ def test_module_in_working_directory_is_imported(tmp_path, monkeypatch):
         plugins.imported("number", "raising:x")
 
 
+def test_module_that_ends_the_process_is_refused_in_a_sentence(tmp_path, monkeypatch):
+    (tmp_path / "module_that_exits.py").write_text("import sys\n\nsys.exit(0)\n")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(WorkError, match=r"\(SystemExit: 0, line 3 of module_that_exits\.py\)"):
+        plugins.imported("policy", "module_that_exits:act")
+
+
 def test_package_that_raises_is_named_and_not_looked_for(tmp_path, monkeypatch):
     for package, line in (("raising_package", "1 / 0"), ("lacking_package", "import numppy")):
         (tmp_path / package).mkdir()

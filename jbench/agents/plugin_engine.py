@@ -14,7 +14,7 @@ from jbench.agents.engine import CPU, Engine, divergent_loss
 from jbench.agents.environments import Environments, SeedState, StepResult
 from jbench.agents.packing import pack, unpack
 from jbench.agents.plugin import Agent, EnvironmentSpec, Transition, is_resumable
-from jbench.errors import RequestError, WorkError, sentence_of_failure
+from jbench.errors import ERRORS_OF_OTHERS, RequestError, WorkError, sentence_of_failure
 from jbench.names import TimeLimit
 from jbench.policies.actors import copy_module
 from jbench.policies.answers import read_actions
@@ -173,7 +173,7 @@ class PluginEngine(Engine):
             return method(*arguments)
         except (RequestError, WorkError):
             raise
-        except Exception as error:
+        except ERRORS_OF_OTHERS as error:
             reason = sentence_of_failure(error)
             raise WorkError(
                 f"{_name(method)} of the agent {self._name} failed ({reason})."

@@ -19,7 +19,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecNormalize
 from torch import nn
 
 from jbench.agents.find import find_class
-from jbench.errors import RequestError
+from jbench.errors import ERRORS_OF_OTHERS, RequestError
 from jbench.policies.actors import UnsupportedPolicyError, copy_module, normalization
 from jbench.policies.layers import Clip, Scale, Shift
 from jbench.policies.network import SavedNetwork
@@ -72,7 +72,7 @@ def check(name: str, settings: Mapping[str, Any], sizes: tuple[int, int], count:
     env = DummyVecEnv([lambda: Spaces(*sizes)] * count)
     try:
         agent = build(name, Foreign(hyperparameters=dict(settings)), env, seed=0)
-    except Exception as error:
+    except ERRORS_OF_OTHERS as error:
         reason = (str(error).splitlines() or [""])[0].rstrip(".")
         if "action spaces" in reason:  # the rest is the spaces' classes
             raise RequestError(

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Literal, NamedTuple
 
-from jbench.errors import sentence_of_failure
+from jbench.errors import ERRORS_OF_OTHERS, sentence_of_failure
 
 CheckState = Literal["ok", "note", "fails"]
 """`note`: it works, but some command can do less; `fails`: commands will fail."""
@@ -31,5 +31,5 @@ def attempt(name: str, check: Callable[[], str]) -> Checked:
         return Checked(name, "ok", check())
     except NotableError as note:
         return Checked(name, "note", str(note))
-    except Exception as error:  # of any type, since the code is that of others
+    except ERRORS_OF_OTHERS as error:  # of any type, since the code is that of others
         return Checked(name, "fails", sentence_of_failure(error))

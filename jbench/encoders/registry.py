@@ -18,7 +18,7 @@ from jbench import plugins
 from jbench.encoders.features import columns
 from jbench.encoders.kind import Fitted, Kind, Learned
 from jbench.encoders.states import split_episodes
-from jbench.errors import RequestError, WorkError, sentence_of_failure
+from jbench.errors import ERRORS_OF_OTHERS, RequestError, WorkError, sentence_of_failure
 from jbench.representation_names import ENCODER_KINDS, OFE
 from jbench.settings.base import settings_with
 from jbench.sources import checksum
@@ -142,7 +142,7 @@ def sentence_about(kind: str, method: str) -> Iterator[None]:
         raise
     except NotImplementedError:
         reason = f"it has no method {method}"
-    except Exception as error:
+    except ERRORS_OF_OTHERS as error:
         reason = f"{method} fails ({sentence_of_failure(error)})"
     else:
         return

@@ -11,7 +11,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from jbench.errors import RequestError
+from jbench.errors import ERRORS_OF_OTHERS, RequestError
 from jbench.store import Results
 from jbench.store.follow import POLL_SECONDS, Change, Follower, grouped
 from jbench.store.schema import LOSSES
@@ -219,7 +219,7 @@ def copying_rows(
 
             for run in runs:
                 logger.end(run)
-        except Exception as error:
+        except ERRORS_OF_OTHERS as error:
             reason = str(error) or type(error).__name__
             warn(f"Logging has stopped ({reason}); the training is not affected.")
             # Trackers show a log that is not ended as that of a run which goes on.

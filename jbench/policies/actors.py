@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from jbench import plugins
-from jbench.errors import RequestError
+from jbench.errors import ERRORS_OF_OTHERS, RequestError
 from jbench.policies.answers import read_actions
 from jbench.policies.layers import (
     Clip,
@@ -180,7 +180,7 @@ def module_layers(module: nn.Module) -> list[SavedLayer]:
         result = module(_value([]))
     except UnsupportedPolicyError:
         raise
-    except Exception as error:
+    except ERRORS_OF_OTHERS as error:
         reason = next(iter(str(error).splitlines()), type(error).__name__)
         raise UnsupportedPolicyError(f"its computation can't be traced ({reason})") from None
 

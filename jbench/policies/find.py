@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench import plugins
-from jbench.errors import RequestError, WorkError, sentence_of_failure
+from jbench.errors import ERRORS_OF_OTHERS, RequestError, WorkError, sentence_of_failure
 from jbench.names import HEURISTIC, POLICIES, POLICY_NAMES, REFERENCE
 from jbench.policies.actors import acting
 from jbench.policies.located import SHIPPED, locate_run
@@ -123,7 +123,7 @@ def _imported_policy(name: str, task: str) -> ActingPolicy:
             return function(argument)
         except (RequestError, WorkError):
             raise
-        except Exception as error:
+        except ERRORS_OF_OTHERS as error:
             raise WorkError(f"The policy {name} failed ({sentence_of_failure(error)}).") from error
 
     if plugins.is_imported(name):

@@ -16,7 +16,7 @@ from onnx import checker, helper
 from onnx.reference import ReferenceEvaluator
 from torch import Tensor, nn
 
-from jbench.errors import RequestError, WorkError
+from jbench.errors import ERRORS_OF_OTHERS, RequestError, WorkError
 from jbench.policies.saved import TrainedAgent
 from jbench.store.files import make_directory, write_atomic
 from jbench.tasks.find import find_task
@@ -126,7 +126,7 @@ def _model(agent: TrainedAgent, run: str, in_si_units: bool) -> onnx.ModelProto:
         Actor()(example)  # so that constants which are made once are not made while it is traced
         traced = torch.export.export(Actor(), (example,), dynamic_shapes=shapes)
         program = torch.onnx.export(traced, dynamic_shapes=shapes, **options)
-    except Exception as error:
+    except ERRORS_OF_OTHERS as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0].rstrip(".")
         raise RequestError(
             f"The run {run} can't be exported to ONNX: torch can't trace its encoder or policy "

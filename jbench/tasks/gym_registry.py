@@ -13,7 +13,7 @@ from typing import Any
 import gymnasium
 
 from jbench import plugins
-from jbench.errors import RequestError, WorkError, sentence_of_failure
+from jbench.errors import ERRORS_OF_OTHERS, RequestError, WorkError, sentence_of_failure
 from jbench.sources import source_files
 from jbench.task_specs import GYM
 from jbench.typed_values import closest
@@ -174,7 +174,7 @@ def _register(name: str, module: str) -> None:
     plugins.find_working_directory()
     try:
         importlib.import_module(module)
-    except Exception as error:
+    except ERRORS_OF_OTHERS as error:
         if plugins.is_missing(module, error):
             if module.endswith(".py"):
                 imported, where = plugins.module_in_file(module)

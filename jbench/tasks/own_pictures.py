@@ -7,7 +7,7 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
-from jbench.errors import RequestError, sentence_of_failure
+from jbench.errors import ERRORS_OF_OTHERS, RequestError, sentence_of_failure
 from jbench.tasks.gym_adapter import GymAdapter
 from jbench.tasks.robot_checksum import compiled_model
 from jbench.tasks.worlds import ModelAndData
@@ -70,7 +70,7 @@ def own_picture(task: str, environment: GymAdapter) -> NDArray[np.uint8]:
         returned: Any = environment.env.render()
     except DependencyNotInstalled as error:
         raise RequestError(f"{task} can't be drawn: {str(error).rstrip('.')}.") from None
-    except Exception as error:
+    except ERRORS_OF_OTHERS as error:
         raise RequestError(
             f"{task} can't be drawn: its render fails ({sentence_of_failure(error)})."
         ) from error

@@ -7,7 +7,7 @@ from functools import cache, partial
 
 from jbench.devices import find_device
 from jbench.encoders import load_run_encoder
-from jbench.errors import RequestError, WorkError
+from jbench.errors import ERRORS_OF_OTHERS, RequestError, WorkError, without_exit
 from jbench.names import CHECKPOINT_EVERY, KeepState
 from jbench.settings.engines import ENGINES
 from jbench.settings.run import RunSettings
@@ -110,7 +110,7 @@ def _train(
         group = [member for member in due if member.control_steps == behind]
         try:
             make_group(group).train(min(ahead, default=until))
-        except Exception as error:
+        except ERRORS_OF_OTHERS as error:
             for member in group:
                 if member.is_unfinished:
-                    member.fail(error)
+                    member.fail(without_exit(error))

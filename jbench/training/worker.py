@@ -32,6 +32,7 @@ def main() -> int:
     os.dup2(2, 1)  # what libraries print is no event
     import torch
 
+    from jbench.errors import ERRORS_OF_OTHERS, without_exit
     from jbench.settings.run import RunSettings
     from jbench.store import Results
     from jbench.training.batched_run import run_batch
@@ -50,8 +51,8 @@ def main() -> int:
 
     try:
         failures = run_batch(runs, results, report=send, **request["options"])
-    except Exception as error:
-        failures = dict.fromkeys((run.id for run in runs), error)
+    except ERRORS_OF_OTHERS as error:
+        failures = dict.fromkeys((run.id for run in runs), without_exit(error))
     for run in runs:
         send(_ended(run, results, failures.get(run.id)))
     return 1 if failures else 0

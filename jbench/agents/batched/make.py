@@ -19,7 +19,7 @@ from jbench.agents.batched.tensors import Tensors
 from jbench.agents.engine import CPU
 from jbench.agents.environments import Environments
 from jbench.devices import check_precision
-from jbench.errors import WorkError
+from jbench.errors import ERRORS_OF_OTHERS, WorkError
 from jbench.names import Precision, TimeLimit
 from jbench.policies.actors import copy_module
 from jbench.settings.algorithms import SETTINGS, AlgorithmSettings, OffPolicySettings, PPOSettings
@@ -135,7 +135,7 @@ def checked_rule(
         try:
             _update(rule, seeds=1)
             _update(rule, seeds=2)
-        except Exception as error:
+        except ERRORS_OF_OTHERS as error:
             text = str(error) or type(error).__name__
             reason = text.removeprefix("vmap: ").partition("\n")[0].partition(". ")[0]
             fault = f"an update of one or two seeds fails ({reason.rstrip('.')})"

@@ -75,6 +75,17 @@ class HugeReward(Cart):
         return np.inf if self.made == 3 else 0.0
 
 
+class Clocked(Cart):
+    """It also observes the number of control steps that were made."""
+
+    observation_space = spaces.Dict(
+        {"cart": NUMBERS, "clock": spaces.Box(0, np.inf, (), np.float64)}
+    )
+
+    def observe(self):
+        return {"cart": self.state.copy(), "clock": float(self.made)}
+
+
 class Discrete(Cart):
     action_space = spaces.Discrete(3)
 
@@ -96,6 +107,7 @@ def limited(kind):
 
 
 cart, falls, leaves, drifts, wakes = map(limited, (Cart, Falls, Leaves, Drifts, Wakes))
+clocked = limited(Clocked)
 huge_reward, discrete, unbounded, pixels, counts = map(
     limited, (HugeReward, Discrete, Unbounded, Pixels, Counts)
 )

@@ -1,5 +1,8 @@
 """Gymnasium environments of a lab with mistakes, or with wrappers that do not suit training."""
 
+import sys
+
+import gymnasium
 import numpy as np
 from gymnasium import spaces
 from gymnasium.wrappers import NormalizeObservation, NormalizeReward, TimeLimit
@@ -53,6 +56,72 @@ class ListForTuple(Cart):
         return {"cart": self.state.copy(), "goal": [0.25, -0.5], "speed": 1.0}
 
 
+class SwapsSizes(Cart):
+    """Two parts of its observation change their sizes, and their sum stays."""
+
+    observation_space = spaces.Dict(
+        {"a": spaces.Box(-9, 9, (2,), np.float64), "b": spaces.Box(-9, 9, (1,), np.float64)}
+    )
+
+    def observe(self):
+        size = 2 if self.made < 3 else 1
+        return {"a": np.zeros(size), "b": np.zeros(3 - size)}
+
+
+class Quits(Cart):
+    """Its simulator ends the process at the third control step."""
+
+    def reward(self):
+        return sys.exit() if self.made == 3 else 0.0
+
+
+class QuitsAtReset(Cart):
+    def reset(self, *, seed=None, options=None):
+        sys.exit("no license")
+
+
+class TruncatesItself(Cart):
+    """Truncates its episodes; the length of each follows from its seed."""
+
+    lengths = {0: 8}  # noqa: RUF012
+    other_length = 8
+
+    def reset(self, *, seed=None, options=None):
+        self.length = self.lengths.get(seed, self.other_length)
+        return super().reset(seed=seed)
+
+    def step(self, action):
+        observation, reward, terminated, _, info = super().step(action)
+        return observation, reward, terminated, self.made == self.length, info
+
+
+class GoesOn(TruncatesItself):
+    other_length = 12
+
+
+class StopsEarly(TruncatesItself):
+    lengths = {0: 12}  # noqa: RUF012
+
+
+class SeldomStopsEarly(TruncatesItself):
+    """Its episode of random actions is as long as the one that is measured."""
+
+    lengths = {0: 12, int(np.random.default_rng(0).integers(2**32)): 12}  # noqa: RUF012
+
+
+class LeavesArea(Cart):
+    """Truncates its episodes where the cart leaves the rail."""
+
+    def step(self, action):
+        observation, reward, terminated, _, info = super().step(action)
+        return observation, reward, terminated, abs(float(self.state[0])) > 1, info
+
+
+gymnasium.register("lab/Endless-v0", "tests.gym_tasks:Cart")
+
+swaps_sizes, quits, quits_at_reset, leaves_area = map(
+    limited, (SwapsSizes, Quits, QuitsAtReset, LeavesArea)
+)
 older_step, older_reset, no_reward, reward_in_array = map(
     limited, (OlderStep, OlderReset, NoReward, RewardInArray)
 )

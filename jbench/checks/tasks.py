@@ -33,10 +33,7 @@ def _made(name: str) -> str:
 def _episode(name: str) -> str:
     """Steps an episode, as jbench does before each training."""
     task = checked_task(name)
-    limit = f"{task.episode_steps:,}"
-    if task.ends_early:
-        limit = f"at most {limit}"
-    return f"an episode of random actions has {limit} control steps, its sizes and finite rewards"
+    return f"an episode of random actions has {task.length_in_words}, its sizes and finite rewards"
 
 
 def _seen(name: str, seed: int, count: int = 1) -> np.ndarray:

@@ -126,15 +126,18 @@ def tasks(
             "name": task_name,
             **{name: getattr(task, name) for name in columns.values() if name != "name"},
             "parts": dict(task.parts),
+            "episode_steps": task.episode_steps,
         }
 
     if name is not None:
-        output.note_task(checked_task(name))
+        task = checked_task(name)
+        output.note_task(task)
         entry = describe(name)
         if entry["description"]:
             output.say(entry["description"])
         title = f"{name}: {counted(entry['action_size'], 'action')}"
         output.table(title, ("part", "size"), list(entry["parts"].items()))
+        output.say(f"An episode has {task.length_in_words}.")
         output.document({"tasks": [entry], "broken": []})
         return
 

@@ -9,17 +9,20 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
-from jbench.errors import RequestError, WorkError, sentence_of_failure
+from jbench.errors import ERRORS_OF_OTHERS, RequestError, WorkError, sentence_of_failure
 from jbench.settings.specs import Specs
 from jbench.sources import checksum
 from jbench.tasks.dm_specification import (
     UnusableError,
+    advice_on_limit,
+    declared_limit,
     may_end_early,
-    measure_episode,
+    measured_limit,
     read_bounds,
     read_parts,
 )
-from jbench.tasks.dm_worlds import DmWorlds, EnvironmentTask, close
+from jbench.tasks.dm_worlds import DmWorlds, close
+from jbench.tasks.environment_task import EnvironmentTask
 from jbench.tasks.gym_adapter import GymAdapter
 from jbench.tasks.own_pictures import mujoco_physics, render_fps
 from jbench.tasks.robot_checksum import older_robot_checksum, robot_checksum
@@ -28,6 +31,12 @@ from jbench.tasks.worlds import Worlds
 
 Make = Callable[[int], Any]
 """Returns a new environment with a seed."""
+
+_SEEDS_TRIED = 10
+"""Most seeds whose episodes must have the time limit that was measured."""
+
+_STEPS_TRIED = 20_000
+"""Control steps of these episodes, so that trying a task takes seconds."""
 
 
 class DmTask(EnvironmentTask):
@@ -93,7 +102,7 @@ class DmTask(EnvironmentTask):
         self.render_fps = render_fps(environment)
         timestep = getattr(environment, "control_timestep", None)
         self.control_timestep = timestep() if callable(timestep) else None
-        self.episode_steps = measure_episode(environment, self._bounds)
+        self.episode_steps = self._read_limit(environment)
         self.specs = Specs(
             model=older_robot_checksum(environment),
             parts=list(self.parts),
@@ -107,6 +116,17 @@ class DmTask(EnvironmentTask):
             unit_rewards=self.has_unit_rewards,
         )
 
+    def _read_limit(self, environment: Any) -> int:
+        """Returns the control steps of the time limit, which are measured if it is not declared."""
+        self.limit_advice = None
+        declared = declared_limit(environment)
+        if declared is not None:
+            return declared
+
+        advice = advice_on_limit(self.name, isinstance(environment, GymAdapter))
+        self.limit_advice = advice
+        return measured_limit(environment, self._bounds, advice)
+
     def environment(self, seed: int, *, draws: bool = False) -> Any:
         """See `EnvironmentTask.environment`."""
         make = self._draw if draws else self._make
@@ -116,7 +136,7 @@ class DmTask(EnvironmentTask):
             raise
         except DependencyNotInstalled as error:
             raise self._refusal(str(error).rstrip(".")) from error
-        except Exception as error:
+        except ERRORS_OF_OTHERS as error:
             raise self._refusal(f"it can't be made ({sentence_of_failure(error)})") from error
 
         if isinstance(environment, gymnasium.Env):
@@ -182,14 +202,30 @@ class DmTask(EnvironmentTask):
     def check(self) -> None:
         """Runs an episode of random actions twice; notes if it does not repeat.
 
-        One that is not as in `Task` is a RequestError.
+        An episode that is not as in `Task` is a RequestError. So is a measured time limit that is
+        not the one of all episodes, as far as some of other seeds show it.
         """
         try:
             has_repeated = self._has_repeated
+            if self.limit_advice is not None:
+                self._try_other_seeds()
         except WorkError as error:
             raise RequestError(str(error)) from None
         if not has_repeated:
             self.notes += (DOES_NOT_REPEAT,)
+
+    def _try_other_seeds(self) -> None:
+        """Makes episodes of other seeds; a WorkError if one can't go on.
+
+        Their commands are those of the episode that was measured, by which it did not terminate.
+        """
+        episodes = np.clip(_STEPS_TRIED // self.episode_steps, 1, _SEEDS_TRIED)
+        actions = np.zeros((1, self.action_size))
+        with self.worlds(1) as worlds:
+            for seed in range(1, episodes + 1):
+                observations = worlds.reset([np.random.default_rng(seed)])
+                for _ in rollout(worlds, observations, lambda _: actions):
+                    worlds.check()
 
     def _random_episode(self, worlds: Worlds) -> tuple[NDArray[Any], NDArray[Any]]:
         """Returns what an episode of random actions has.

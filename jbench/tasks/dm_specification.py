@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jbench.errors import sentence_of_failure
+from jbench.errors import ERRORS_OF_OTHERS, sentence_of_failure
 
 _MOST_MEASURED = 100_000
 """Most control steps that are made to find a time limit that an environment does not say."""
@@ -63,7 +63,7 @@ def _sizes_of_parts(environment: Any) -> dict[str, int]:
         return {name: math.prod(part.shape) for name, part in spec.items()}
     except UnusableError:
         raise
-    except Exception as error:
+    except ERRORS_OF_OTHERS as error:
         sizes = _sizes_without_arrays(environment)
         if sizes is None:
             reason = f"its observation_spec fails ({sentence_of_failure(error)})"
@@ -79,7 +79,7 @@ def _sizes_without_arrays(environment: Any) -> dict[str, int] | None:
     try:
         observed = _named(environment.reset().observation)
         sizes = {name: np.asarray(part, float).size for name, part in observed.items()}
-    except Exception:
+    except ERRORS_OF_OTHERS:
         return None
 
     has_arrays_only = all(hasattr(part, "shape") for part in observed.values())
@@ -97,7 +97,7 @@ def read_bounds(environment: Any) -> Bounds:
         dtype = np.dtype(getattr(spec, "dtype", object))
     except UnusableError:
         raise
-    except Exception as error:
+    except ERRORS_OF_OTHERS as error:
         raise UnusableError(f"its action_spec fails ({sentence_of_failure(error)})") from error
 
     if len(shape) != 1 or not shape[0] or not np.issubdtype(dtype, np.floating):
@@ -118,20 +118,34 @@ def read_bounds(environment: Any) -> Bounds:
     return Bounds(minimum, maximum)
 
 
-def measure_episode(environment: Any, bounds: Bounds) -> int:
-    """Returns the control steps after which the time limit truncates an episode.
-
-    An environment that does not say it makes an episode with commands halfway between the bounds.
-    Raises an UnusableError if that fails, or does not show the limit.
-    """
+def declared_limit(environment: Any) -> int | None:
+    """Returns the control steps of the time limit that an environment says; None if it does not."""
     limit = getattr(environment, "_step_limit", None)  # of dm_control's Environment
     if isinstance(limit, float) and math.isfinite(limit):
         return math.ceil(limit)
 
     known = getattr(environment, "episode_steps", None)
-    if isinstance(known, int) and known > 0:
-        return known
+    if isinstance(known, int | np.integer) and known > 0:
+        return int(known)
 
+    return None
+
+
+def advice_on_limit(task: str, is_gymnasium: bool) -> str:
+    """Returns what makes the time limit of a task's environment known, as a clause."""
+    if task.startswith("gym:"):
+        return f"type {task},max_episode_steps=N with its control steps for N"
+    if is_gymnasium:
+        return "wrap it in gymnasium.wrappers.TimeLimit"
+    return "give it the attribute episode_steps, the control steps of its time limit"
+
+
+def measured_limit(environment: Any, bounds: Bounds, advice: str) -> int:
+    """Returns the control steps after which an environment truncates an episode.
+
+    The commands of the episode are halfway between the bounds. Raises an UnusableError with the
+    advice of `advice_on_limit` if the environment fails, or does not show its limit.
+    """
     command = (bounds.minimum + bounds.maximum) / 2
     steps = 0
     is_last = False
@@ -143,19 +157,19 @@ def measure_episode(environment: Any, bounds: Bounds) -> int:
             steps += 1
     except UnusableError:
         raise
-    except Exception as error:
+    except ERRORS_OF_OTHERS as error:
         raise UnusableError(f"it fails ({sentence_of_failure(error)})") from error
 
     if not is_last:
         raise UnusableError(
-            f"an episode has more than {_MOST_MEASURED:,} control steps: give it a time limit"
+            f"an episode has more than {_MOST_MEASURED:,} control steps, and its time limit is not "
+            f"known: {advice}"
         )
 
     if timestep.discount == 0:
         raise UnusableError(
             f"its episode terminates at control step {steps}, and its time limit is not known: "
-            "wrap it in gymnasium.wrappers.TimeLimit, or give it, if it is a dm_env.Environment, "
-            "the attribute episode_steps (the control steps of its time limit)"
+            f"{advice}"
         )
 
     return steps

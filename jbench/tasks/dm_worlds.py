@@ -5,8 +5,7 @@ observation and reward are Python, so threads would be slower. The state of an e
 and the actions so far, since many tasks write random targets into their model at each reset.
 """
 
-from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -14,40 +13,12 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from jbench.errors import WorkError, sentence_of_failure
+from jbench.errors import ERRORS_OF_OTHERS, WorkError, sentence_of_failure
 from jbench.tasks.dm_specification import UnusableError
+from jbench.tasks.environment_task import EnvironmentTask
 from jbench.tasks.own_pictures import check_can_draw, check_draws, mujoco_physics, own_picture
-from jbench.tasks.task import Task
+from jbench.tasks.time_steps import FlawError, TimeStepReader
 from jbench.tasks.worlds import Chosen, EndingWorlds, EpisodeError, ModelAndData, WorldsState
-from jbench.wording import counted
-
-_ROUNDING = 1e-6  # by which rewards may exceed [0, 1]
-
-_LARGEST_REWARD = 1e15  # agents learn in float32, which holds the square of a return of 1e18
-
-
-class EnvironmentTask(Task):
-    """What worlds know of a task that `dm_env` environments implement.
-
-    Attributes:
-        reseeds: whether an episode reseeds the same environment, instead of making a new one.
-        has_unit_rewards: whether all rewards must be in [0, 1].
-    """
-
-    reseeds: bool
-    has_unit_rewards: bool
-
-    @abstractmethod
-    def environment(self, seed: int, *, draws: bool = False) -> Any:
-        """Returns a new environment, which may draw itself; RequestError if it can't be made."""
-
-    @abstractmethod
-    def reseed(self, environment: Any, seed: int) -> None:
-        """Seeds the next episode of an environment."""
-
-    @abstractmethod
-    def commands(self, actions: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Maps actions (..., action_size), clipped to [-1, 1], to the actuators' bounds."""
 
 
 class DmWorlds(EndingWorlds):
@@ -56,6 +27,7 @@ class DmWorlds(EndingWorlds):
     def __init__(self, task: EnvironmentTask, count: int, *, draws: bool = False) -> None:
         """Makes the environments, which have no episode yet, and may draw themselves."""
         self._task = task
+        self._reader = TimeStepReader(task)
         self._draws = draws
         self.episode_steps = task.episode_steps
         self.failures = {}
@@ -209,8 +181,8 @@ class DmWorlds(EndingWorlds):
                 self.environments[world] = self._task.environment(seed, draws=self._draws)
 
             timestep = self.environments[world].reset()
-            self._observe(self._observations[world], timestep.observation)
-        except Exception as error:
+            self._reader.observation(self._observations[world], timestep.observation)
+        except ERRORS_OF_OTHERS as error:
             self._observations[world] = 0.0
             self._fail(world, error)
 
@@ -220,65 +192,21 @@ class DmWorlds(EndingWorlds):
         self._commands[world].append(command)
         try:
             timestep = self.environments[world].step(command.copy())
-            reward = self._read_reward(timestep)
-            self._observe(self._observations[world], timestep.observation)
-            self._note_end(world, timestep)
-        except Exception as error:
+            reward = self._reader.reward(timestep)
+            self._reader.observation(self._observations[world], timestep.observation)
+            end = self._reader.end(timestep, int(self.elapsed[world]))
+        except ERRORS_OF_OTHERS as error:
             self._fail(world, error)
             return 0.0
 
+        self.terminated[world] = end.is_terminated
+        self.truncated[world] = end.is_truncated
         return reward
 
-    def _read_reward(self, timestep: Any) -> float:
-        """Returns the reward of a control step, which must be a number, and perhaps in [0, 1]."""
-        reward = np.nan if timestep.reward is None else float(timestep.reward)
-        if not np.isfinite(reward):
-            raise _FlawError(f"its reward is {reward}")
-        if abs(reward) > _LARGEST_REWARD:
-            raise _FlawError(f"its reward is {reward:g}; scale it to at most {_LARGEST_REWARD:g}")
-        if self._task.has_unit_rewards and not -_ROUNDING <= reward <= 1 + _ROUNDING:
-            raise _FlawError(f"its reward is {reward}, not in [0, 1]")
-
-        return reward
-
-    def _note_end(self, world: int, timestep: Any) -> None:
-        """Notes whether a control step has ended the episode of a world."""
-        is_last = bool(timestep.last())
-        if is_last and timestep.discount == 0:
-            self.terminated[world] = True
-        elif is_last or self.elapsed[world] == self.episode_steps:
-            self.truncated[world] = True
-
-        is_early = is_last and self.elapsed[world] < self.episode_steps
-        if is_early and not self._task.ends_early:
-            raise _FlawError("its episode ends before its time limit")
-
-    def _observe(self, row: NDArray[np.float32], values: Mapping[str, Any]) -> None:
-        """Writes the parts of an observation, flattened in C order, into a row (size,)."""
-        lacking = [name for name in self._task.parts if name not in values]
-        if lacking:
-            raise _FlawError(f"its observation lacks {lacking[0]}")
-
-        parts = [np.ravel(values[name]) for name in self._task.parts]
-        size = sum(map(len, parts))
-        if size != len(row):
-            raise _FlawError(f"its observation has {counted(size, 'value')} instead of {len(row)}")
-
-        observed = np.empty_like(row)
-        with np.errstate(over="ignore"):
-            np.concatenate(parts, out=observed, casting="same_kind")
-        if not np.isfinite(observed).all():
-            limit = np.finfo(np.float32).max
-            pairs = zip(self._task.parts, parts, strict=True)
-            name = next(name for name, part in pairs if not (np.abs(part) <= limit).all())
-            raise _FlawError(f"{name} of its observation is not finite in float32")
-
-        row[:] = observed
-
-    def _fail(self, world: int, error: Exception) -> None:
+    def _fail(self, world: int, error: BaseException) -> None:
         """Notes why the episode of a world can't go on."""
         reason = str(error)
-        if not isinstance(error, _FlawError | UnusableError):
+        if not isinstance(error, FlawError | UnusableError):
             reason = f"it fails ({sentence_of_failure(error)})"
         self.failures[world] = EpisodeError(
             self._task.name,
@@ -287,10 +215,6 @@ class DmWorlds(EndingWorlds):
             reason,
             by_numbers=not isinstance(error, OSError | MemoryError),
         )
-
-
-class _FlawError(ValueError):
-    """What an environment returned is not as in `Task` and `Worlds`."""
 
 
 def close(environment: Any) -> None:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from jbench.arrays import Array
 from jbench.settings.specs import Specs
 from jbench.tasks.worlds import Worlds
+from jbench.wording import counted
 
 Act = Callable[[NDArray[np.float32]], NDArray[np.floating]]
 """Returns actions (worlds, action_size) for observations (worlds, dim(O))."""
@@ -131,6 +132,12 @@ class Task(ABC):
         if self.control_timestep or not self.render_fps:
             return self.control_timestep
         return 1 / self.render_fps
+
+    @property
+    def length_in_words(self) -> str:
+        """How long an episode is, such as "at most 500 control steps"."""
+        length = counted(self.episode_steps, "control step")
+        return f"at most {length}" if self.ends_early else length
 
     @property
     def observation_size(self) -> int:

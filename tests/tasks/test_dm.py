@@ -122,7 +122,11 @@ def test_parts_of_an_observation_have_the_order_of_the_specification():
 @pytest.mark.parametrize(
     ("name", "sentence"),
     [
-        (f"{OWN}:EndsEarly", "its episode terminates at control step 5, and its time limit is not"),
+        (
+            f"{OWN}:EndsEarly",
+            "its episode terminates at control step 5, and its time limit is not known: give it "
+            "the attribute episode_steps, the control steps of its time limit.$",
+        ),
         (f"{OWN}:WrongReward", "its reward is 1.*, not in"),
         (
             f"{OWN}:NotFinite",
@@ -130,7 +134,7 @@ def test_parts_of_an_observation_have_the_order_of_the_specification():
         ),
         (
             f"{OWN}:ChangesSize",
-            "at control step 4 of .*, its observation has 6 values instead of 5",
+            "at control step 4 of .*, its observation height has 2 values instead of 1",
         ),
         (f"{OWN}:Unnamed", "its observation has no names"),
         (f"{OWN}:Integers", "its actions are int32 of shape"),

@@ -6,12 +6,14 @@ import pytest
 
 from jbench.errors import RequestError, WorkError
 from jbench.settings.records import DatasetSettings, dataset_robot
+from jbench.tasks import dm_specification
 from jbench.tasks.find import checked_task, code_provenance, find_task
 from jbench.tasks.gym_registry import find_environment
 from jbench.tasks.task import DOES_NOT_REPEAT
 
 LAB = "tests.gym_tasks"
 MISTAKEN = "tests.mistaken_gym_tasks"
+ENDLESS = f"gym:{MISTAKEN}:lab/Endless-v0"
 
 
 @pytest.mark.parametrize(
@@ -27,7 +29,26 @@ MISTAKEN = "tests.mistaken_gym_tasks"
         (f"{LAB}:unbounded", r"its action 0 is in \[-inf, inf\]; give it two different finite"),
         (f"{LAB}:pixels", r"its observation observation is a picture of shape \(8, 8, 3\)"),
         (f"{LAB}:counts", "its observation gear is Discrete, and jbench takes real numbers"),
-        (f"{LAB}:endless", "an episode has more than 100,000 control steps: give it a time limit"),
+        (
+            f"{MISTAKEN}:GoesOn",
+            "at control step 8 of .*, its episode goes on, though another one is truncated here, "
+            "and its time limit is not known: wrap it in gymnasium.wrappers.TimeLimit.$",
+        ),
+        (
+            f"{MISTAKEN}:StopsEarly",
+            "at control step 8 of .*, its episode is truncated, though another one is truncated at "
+            "control step 12, and its time limit is not known: wrap it in",
+        ),
+        (f"{MISTAKEN}:SeldomStopsEarly", "at control step 8 of .*, its episode is truncated, tho"),
+        (f"{MISTAKEN}:swaps_sizes", "step 3 of .*, its observation a has 1 value instead of 2.$"),
+        (
+            f"{MISTAKEN}:quits",
+            r"at control step 3 of .*, it fails \(SystemExit, line \d+ of mistaken_gym_tasks",
+        ),
+        (
+            f"{MISTAKEN}:quits_at_reset",
+            r"at control step 0 of .*, it fails \(SystemExit: no license, line \d+ of",
+        ),
         ("gym:Pendulun-v1", r"no environment Pendulun-v1; did you mean gym:Pendulum-v1\?$"),
         ("gym:Pendulum", r"no environment Pendulum; did you mean gym:Pendulum-v1\?$"),
         ("gym:Hopper-v99", r"no environment Hopper-v99; did you mean gym:Hopper-v5\?$"),
@@ -97,6 +118,48 @@ MISTAKEN = "tests.mistaken_gym_tasks"
 def test_environment_that_is_refused(name, sentence):
     with pytest.raises(RequestError, match=sentence):
         checked_task(name)
+
+
+@pytest.mark.parametrize(
+    ("name", "advice"),
+    [
+        (f"{LAB}:endless", "wrap it in gymnasium.wrappers.TimeLimit"),
+        (ENDLESS, f"type {ENDLESS},max_episode_steps=N with its control steps for N"),
+    ],
+)
+def test_environment_without_a_limit_is_refused_with_what_to_add(name, advice, monkeypatch):
+    monkeypatch.setattr(dm_specification, "_MOST_MEASURED", 1000)
+    with pytest.raises(RequestError) as raised:
+        find_task(name)
+    assert str(raised.value) == (
+        f"jbench can't use the task {name}: an episode has more than 1,000 control steps, and its "
+        f"time limit is not known: {advice}."
+    )
+
+
+def test_environment_that_truncates_itself_has_the_limit_that_was_measured():
+    task = checked_task(f"{MISTAKEN}:TruncatesItself")
+    assert (task.episode_steps, task.notes) == (8, ())
+    assert checked_task(f"{ENDLESS},max_episode_steps=30").episode_steps == 30
+
+
+def test_environment_with_a_limit_truncates_itself_before():
+    task = checked_task(f"{MISTAKEN}:leaves_area")
+    assert task.episode_steps == 20
+    with task.worlds(1) as worlds:
+        generator = np.random.default_rng(0)
+        seed = int(np.random.default_rng(0).integers(2**32))
+        position, velocity = np.random.Generator(np.random.PCG64(seed)).uniform(-1, 1, 2)
+        worlds.reset([generator])
+        steps = 0
+        while abs(position) <= 1:
+            velocity += 0.1 * 4
+            position += 0.1 * velocity
+            steps += 1
+            worlds.step(np.ones((1, 1)))
+        assert worlds.failures == {}
+        assert (worlds.terminated[0], worlds.truncated[0]) == (False, True)
+        assert worlds.lengths()[0] == steps < 20
 
 
 def test_parts_of_an_observation_are_named_and_actions_scaled():

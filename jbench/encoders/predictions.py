@@ -43,6 +43,10 @@ _EPOCHS = 15
 _RATE = 3e-3
 _LAST = 0.01  # of the learning rate, at the end
 
+_CONSTANT = 1e-6
+"""Largest standard deviation of a column that counts as constant: the change of a step counter is
+constant up to its rounding in float32, some 1e-7."""
+
 _LINEAR = 0.5  # R² from which a direction of the latents stands for a target
 
 
@@ -73,14 +77,15 @@ def predictions(kind: Kind, weights: Weights, states: States) -> list[dict[str, 
     moments = Moments.of(torch.cat([learned.inputs.double(), learned.targets.double()], 1).numpy())
     slopes, offset = moments.regression(learned.inputs.shape[1])
     predicted = test.inputs.double() @ torch.from_numpy(slopes) + torch.from_numpy(offset)
-    linear_r2 = _r2(predicted, test.targets, columns)
+    varying = _varying(learned.targets) & _varying(test.targets)
+    linear_r2 = _r2(predicted, test.targets, columns, varying)
 
     probe = _trained(
         _standardized(learned.inputs, like=learned.inputs),
         _standardized(learned.targets, like=learned.targets),
     )
     predicted = probe(_standardized(test.inputs, like=learned.inputs))
-    r2 = _r2(predicted, _standardized(test.targets, like=learned.targets), columns)
+    r2 = _r2(predicted, _standardized(test.targets, like=learned.targets), columns, varying)
 
     latents = learned.inputs.shape[1] - states.action_size
     amplitudes = _amplitudes(slopes[:latents], moments.covariance[:latents, :latents])
@@ -169,21 +174,28 @@ def _examples(
 
 
 def _standardized(rows: Tensor, like: Tensor) -> Tensor:
-    """Returns rows shifted and scaled such that those of `like` have mean 0 and unit variance."""
-    sd = like.std(0)
-    return (rows - like.mean(0)) / torch.where(sd > 1e-6, sd, 1)
+    """Returns rows shifted and scaled such that those of `like` have mean 0 and unit variance.
+
+    Columns that are constant in `like` are only shifted.
+    """
+    return (rows - like.mean(0)) / torch.where(_varying(like), like.std(0), 1)
+
+
+def _varying(rows: Tensor) -> Tensor:
+    """Returns whether each column (columns,) is not constant."""
+    return rows.std(0) > _CONSTANT
 
 
 def _r2(
-    predicted: Tensor, targets: Tensor, columns: Mapping[str, list[int]]
+    predicted: Tensor, targets: Tensor, columns: Mapping[str, list[int]], varying: Tensor
 ) -> dict[str, float | None]:
-    """Returns the R² of each target, which has some of the columns; None if it is constant."""
+    """Returns the R² of each target, which has some of the columns; None if all are constant."""
     squares = (predicted - targets).square().mean(0)
     variance = targets.var(0, correction=0)
     r2: dict[str, float | None] = dict.fromkeys(columns)
     for name, some in columns.items():
-        total = float(variance[some].sum())
-        if total > 0:
+        if bool(varying[some].any()):
+            total = float(variance[some].sum())
             r2[name] = 1 - float(squares[some].sum()) / total
 
     return r2

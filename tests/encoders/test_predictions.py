@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from jbench.commands.encoder_tables import show_explained
-from jbench.datasets import collect, find_dataset
+from jbench.datasets import Dataset, collect, find_dataset
 from jbench.encoders import load_encoder
 from jbench.encoders.kinds import linear
 from jbench.encoders.kinds.linear import DynamicModes, RandomFeatures, Scaled
@@ -17,9 +17,10 @@ from jbench.encoders.loop import EncoderLearner
 from jbench.encoders.pairs import Shard, StatePairs
 from jbench.encoders.predictions import TARGETS, effective_rank, predictions
 from jbench.encoders.registry import make_kind
-from jbench.settings.records import DatasetSettings
+from jbench.settings.records import DatasetSettings, dataset_robot
 from jbench.store import Results
 from jbench.store.tables import read_tables
+from jbench.tasks.find import find_task
 from tests.encoders.encoder_data import observations_of, read_states, rows, train
 
 CPU = torch.device("cpu")
@@ -79,6 +80,19 @@ def test_probe_uses_only_information_in_latents(simulated):
     # The result does not depend on the global random state.
     torch.manual_seed(3)
     assert probe(Scaled(), {}, simulated) == (whole, of_whole)
+
+
+def test_part_whose_change_is_constant_up_to_rounding_has_no_r2(tmp_path):
+    task = find_task("tests.gym_tasks:clocked")
+    settings = DatasetSettings(**dataset_robot(task.name, task.specs), steps=400)
+    record = collect(settings, Results(tmp_path), threads=1)
+    states = read_states(Dataset(record), task=task.name)
+    clock = next(iter(states.learn())).states[..., 2]
+    assert 0 < clock.diff(dim=1).std() < 1e-6  # it ticks by one, in float32
+    found = {row["target"]: row for row in predictions(Scaled(), {}, states)}
+    assert (found["clock"]["r2"], found["clock"]["linear_r2"]) == (None, None)
+    # A step of semi-implicit Euler is linear in state and action.
+    assert found["cart"]["linear_r2"] == pytest.approx(1, abs=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -108,8 +108,8 @@ class DatasetSettings(RecordSettings):
         if self.steps % length:
             up = (self.steps // length + 1) * length
             raise ValueError(
-                f"steps can't be {self.steps}: episodes last {length} control steps; steps must be "
-                f"a multiple, such as {up}"
+                f"steps can't be {self.steps}: the time limit of an episode is {length} control "
+                f"steps; steps must be a multiple, such as {up}"
             )
         return self
 

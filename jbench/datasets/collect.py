@@ -3,10 +3,12 @@
 from collections.abc import Callable
 
 from jbench.datasets.by_robot import find_layout
+from jbench.datasets.failed import way_on
 from jbench.settings.records import DatasetSettings
 from jbench.store import Record, Results
 from jbench.store.code import check_code
 from jbench.store.planned import Planned
+from jbench.tasks.worlds import EpisodeError
 
 
 def plan_dataset(settings: DatasetSettings, results: Results) -> Planned[DatasetSettings]:
@@ -27,6 +29,7 @@ def collect(
     next ones are simulated while one is written. `progress` takes the control steps that are
     committed or simulated, at least each second. Raises a RequestError if its robot is not
     installed or has changed, and a WorkError if another process collects it, or the disk is full.
+    An episode that can't go on fails the dataset with an EpisodeError; those before it are kept.
     """
     with results.locked("dataset", settings.id) as existing:
         if existing is not None and existing.is_finished:
@@ -40,7 +43,13 @@ def collect(
             provenance = {**layout.notes(), **code}
             record = results.create("dataset", settings.id, settings.model_dump(), provenance)
 
-        layout.collect(settings, record, threads, progress)
+        if record.status == "failed":
+            record.resume({"control_steps": layout.control_steps(record)})
+        try:
+            layout.collect(settings, record, threads, progress)
+        except EpisodeError as error:
+            record.fail(str(error), error.summary)
+            raise error.with_clause(way_on(record, results, layout)) from error
         record.finish({}, join=False)
 
     return record

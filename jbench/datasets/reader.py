@@ -10,7 +10,8 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from jbench.datasets import ending
-from jbench.datasets.by_robot import find_layout, recorded_robot
+from jbench.datasets.by_robot import find_layout, recorded_layout, recorded_robot
+from jbench.datasets.failed import collecting_command, sentence_on_failed
 from jbench.datasets.layout import Block, DatasetLayout
 from jbench.errors import RequestError, WorkError
 from jbench.names import TASKS
@@ -22,7 +23,6 @@ from jbench.store.manifest import FileEntry
 from jbench.store.shipped import results_to_read
 from jbench.tasks.find import check_specs, find_task
 from jbench.tasks.task import Task
-from jbench.wording import with_results
 
 
 class Dataset:
@@ -155,24 +155,25 @@ def find_dataset(
     results = results_to_read(results)
     about = find_task(task)
     if id is not None:
-        collect = _collect(results, find_layout(about.robot))
-        return Dataset(_named(results, results.complete_id("dataset", id), collect))
+        layout = find_layout(about.robot)
+        return Dataset(_named(results, results.complete_id("dataset", id), layout))
 
     return Dataset(_newest(results, about))
 
 
-def _collect(results: Results, layout: DatasetLayout) -> str:
-    """Returns the command that collects a dataset of a robot."""
-    return with_results(f"jbench collect{layout.option}", results.name)
+def _named(results: Results, id: str, layout: DatasetLayout) -> Record:
+    """Returns a finished dataset by its id; a RequestError otherwise, which says what to type.
 
-
-def _named(results: Results, id: str, collect: str) -> Record:
-    """Returns a finished dataset by its id; a RequestError otherwise, which names `collect`."""
+    If there is none, that is the command for a dataset of the robot of `layout`.
+    """
     record = results.find("dataset", id)
     if record is None:
         ids = ", ".join(record.id for record in results.scan("dataset")[0])
-        more = f"there are {ids}." if ids else f"run {collect} first."
+        more = f"there are {ids}." if ids else f"run {collecting_command(results, layout)} first."
         raise RequestError(f"No dataset {id} in {results.name}; {more}")
+
+    if record.status == "failed":
+        raise RequestError(sentence_on_failed(record, results, recorded_layout(record)))
 
     if not record.is_finished:
         raise RequestError(
@@ -189,10 +190,14 @@ def _newest(results: Results, task: Task) -> Record:
     Raises a RequestError if there is none, or its code has changed.
     """
     layout = find_layout(task.robot)
-    collect = _collect(results, layout)
+    collect = collecting_command(results, layout)
     records, problems = results.scan("dataset")
     suitable = [record for record in records if recorded_robot(record) == task.robot]
     finished = [record for record in suitable if record.is_finished]
+    failed = [record for record in suitable if record.status == "failed"]
+    if failed and not finished:
+        raise RequestError(sentence_on_failed(failed[0], results, layout))
+
     if not finished:
         reason = f" ({problems[0]})" if problems else ""
         raise RequestError(

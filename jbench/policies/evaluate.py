@@ -15,7 +15,8 @@ from jbench.store.code import is_known
 from jbench.store.planned import Planned, planned
 from jbench.tasks.find import code_provenance, find_task
 from jbench.tasks.task import Act, episode_generator, rollout
-from jbench.tasks.worlds import Worlds
+from jbench.tasks.worlds import Worlds, fails_by_numbers
+from jbench.wording import counted
 
 # Robots stepped together: enough for the threads, and few enough for little memory.
 _TOGETHER = 50
@@ -92,7 +93,7 @@ def evaluate(
                 record.append(_episodes(settings, episodes, worlds, policy.act, progress))
                 for error in worlds.failures.values():
                     record.fail(str(error), error.summary)
-                    raise error
+                    raise error.with_clause(_kept(settings, record)) from error
 
         returns = record.read("policy_episodes")["episode_return"].to_numpy()
         q10, median, q90 = np.percentile(returns, (10, 50, 90))
@@ -100,6 +101,14 @@ def evaluate(
         record.finish(summary, join=False)
 
     return record
+
+
+def _kept(settings: EvaluationSettings, record: Record) -> str:
+    """Returns what a failed evaluation has kept, and what to type, as clauses."""
+    kept = f"{record.rows('policy_episodes'):,} of {counted(settings.episodes, 'episode')}"
+    if fails_by_numbers(record.manifest.summary):
+        return f"{kept} are kept, and --seed {settings.seed + 1} makes other ones"
+    return f"{kept} are kept, and the same command makes all of them again"
 
 
 def _episodes(

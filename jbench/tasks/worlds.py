@@ -32,6 +32,14 @@ BY_NUMBERS = "by_numbers"
 """Entry of the summary of work whose episode failed: False if not by its seed and actions."""
 
 
+def fails_by_numbers(summary: Mapping[str, Any]) -> bool:
+    """Returns whether a summary is that of work whose episode failed by its seed and actions."""
+    if "episode_failed" not in summary:
+        return False
+    failed = summary["episode_failed"]
+    return not isinstance(failed, Mapping) or failed.get(BY_NUMBERS) is not False
+
+
 class EpisodeError(WorkError):
     """An episode that can't go on: its environment raised an error, or returned no finite numbers.
 
@@ -53,6 +61,11 @@ class EpisodeError(WorkError):
             f"jbench can't use the task {task}: at control step {step} of the episode with seed "
             f"{seed}, {reason}."
         )
+
+    def with_clause(self, clause: str) -> "EpisodeError":
+        """Returns the error with a clause at its end, such as what is kept."""
+        task, seed, step, reason, by_numbers = self._arguments
+        return EpisodeError(task, seed, step, f"{reason}; {clause}", by_numbers)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Makes it again in another process, from its arguments."""

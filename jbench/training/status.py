@@ -9,10 +9,10 @@ from jbench.errors import RequestError, WorkError
 from jbench.settings.engines import ENGINES
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
-from jbench.store.provenance import device_provenance, differences, mapping, process_provenance
+from jbench.store.provenance import device_provenance, differences, process_provenance
 from jbench.store.run_line import committed_steps
 from jbench.tasks.find import EPISODES_REPEAT, code_provenance
-from jbench.tasks.worlds import BY_NUMBERS
+from jbench.tasks.worlds import fails_by_numbers
 from jbench.training.continuation import kept_runs
 from jbench.wording import are, counted, repair_hint
 
@@ -63,7 +63,7 @@ def will_fail_again(record: Record, device: str = "auto") -> bool:
 
     by_numbers = "diverged" in summary
     if "episode_failed" in summary:
-        by_numbers = mapping(summary["episode_failed"]).get(BY_NUMBERS) is not False
+        by_numbers = fails_by_numbers(summary)
     if not by_numbers:
         return False
 

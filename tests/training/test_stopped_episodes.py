@@ -2,13 +2,14 @@
 
 import itertools
 import re
+import sys
 
 import numpy as np
 import pytest
 
 import jbench
-from jbench.datasets import Dataset, collect
-from jbench.errors import WorkError
+from jbench.datasets import Dataset, collect, find_dataset
+from jbench.errors import RequestError, WorkError
 from jbench.policies.evaluate import evaluate
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.records import DatasetSettings, EvaluationSettings, dataset_robot
@@ -18,7 +19,9 @@ from jbench.tasks.find import find_task
 from jbench.tasks.task import episode_generator
 from jbench.tasks.worlds import EpisodeError
 from jbench.training.batched_run import run_batch
+from jbench.training.group import TrainingGroup
 from jbench.training.status import run_status, will_fail_again
+from tests import odd_tasks
 from tests.odd_tasks import EPISODE
 from tests.training.small_runs import rows
 
@@ -84,7 +87,7 @@ def test_finished_episodes_of_an_evaluation_are_kept(tmp_path):
         task=FRAGILE, specs=find_task(FRAGILE).specs, policy="constant:0.5", episodes=12
     )
     results = Results(tmp_path)
-    with pytest.raises(EpisodeError, match=SENTENCE):
+    with pytest.raises(EpisodeError, match=SENTENCE) as raised:
         evaluate(settings, results, threads=1)
     seeds = [int(episode_generator(0, episode).integers(2**32)) for episode in range(12)]
     whole = [episode for episode, seed in enumerate(seeds) if not is_broken(seed)]
@@ -92,9 +95,13 @@ def test_finished_episodes_of_an_evaluation_are_kept(tmp_path):
     record = results.find("evaluation", settings.id)
     assert record.read("policy_episodes")["episode"].to_pylist() == whole
     assert record.status == "failed"
+    assert str(raised.value) == (
+        f"{record.error[:-1]}; {len(whole)} of 12 episodes are kept, and the same command makes "
+        "all of them again."
+    )
 
 
-def test_episodes_of_a_dataset_before_the_broken_one_are_kept(tmp_path):
+def test_episodes_of_a_dataset_before_the_broken_one_are_kept(tmp_path, monkeypatch):
     task = find_task(FRAGILE)
     settings = DatasetSettings(**dataset_robot(task.name, task.specs), steps=40 * EPISODE)
     results = Results(tmp_path)
@@ -102,10 +109,50 @@ def test_episodes_of_a_dataset_before_the_broken_one_are_kept(tmp_path):
     before = len([*itertools.takewhile(lambda seed: not is_broken(seed), seeds)])
     assert 0 < before < 40
     for _ in range(2):  # the second time, it begins with the broken one
-        with pytest.raises(EpisodeError, match=SENTENCE):
+        with pytest.raises(EpisodeError, match=SENTENCE) as raised:
             collect(settings, results, threads=1)
-        (block,) = Dataset(results.find("dataset", settings.id)).blocks(FRAGILE, parts=[0])
+        record = results.find("dataset", settings.id)
+        (block,) = Dataset(record).blocks(FRAGILE, parts=[0])
         assert len(block.observations) == before
+        assert record.status == "failed"
+        assert str(raised.value) == (
+            f"{record.error[:-1]}; {before * EPISODE} of 800 control steps are kept, and the "
+            "jbench collect command that started it continues there."
+        )
+
+    # The leg is repaired.
+    monkeypatch.setattr(odd_tasks.Fragile, "step", odd_tasks.Short.step)
+    record = collect(settings, results, threads=1)
+    assert (record.status, record.error) == ("finished", None)
+    assert record.rows("seeds") == 40
+
+
+def test_work_that_another_seed_may_finish_says_what_to_type(tmp_path):
+    name = "tests.odd_tasks:Faulty"
+    robot = dataset_robot(name, find_task(name).specs)
+    settings = DatasetSettings(**robot, steps=40 * EPISODE, seed=4)
+    results = Results(tmp_path)
+    seeds = [int(episode_generator(4, episode).integers(2**32)) for episode in range(40)]
+    before = len([*itertools.takewhile(lambda seed: not is_broken(seed), seeds)])
+    with pytest.raises(EpisodeError) as raised:
+        collect(settings, results, threads=1)
+    kept = (
+        f"{before * EPISODE} of 800 control steps are kept, and jbench collect --task {name} "
+        f"--results {tmp_path} --steps 800 --seed 5 makes other episodes."
+    )
+    assert str(raised.value).endswith(
+        f"ArithmeticError: a leg broke, line 97 of odd_tasks.py); {kept}"
+    )
+    for id in (settings.id, None):
+        with pytest.raises(RequestError) as refused:
+            find_dataset(results, id, name)
+        assert str(refused.value).startswith(f"The dataset {settings.id} has failed (jbench can't ")
+        assert str(refused.value).endswith(f"odd_tasks.py)); {kept}")
+
+    about = {"task": name, "specs": find_task(name).specs, "policy": "constant:0.5"}
+    whole = sum(not is_broken(seed) for seed in seeds)
+    with pytest.raises(EpisodeError, match=f"; {whole} of 40 episodes are kept, and --seed 5 mak"):
+        evaluate(EvaluationSettings(**about, episodes=40, seed=4), results, threads=1)
 
 
 def test_finished_episodes_of_stable_baselines3_are_kept(tmp_path):
@@ -193,6 +240,25 @@ def test_finished_episodes_of_an_agent_of_another_package_are_kept(tmp_path):
             assert (record.status, record.rows("episodes")) == ("finished", 4)
             continue
         check_failed(record)
+
+
+class Quitting(Still):
+    """It ends the process when it learns."""
+
+    def learn(self, transition):
+        sys.exit()
+
+
+def test_run_whose_code_ends_the_process_fails_in_a_sentence(tmp_path, monkeypatch):
+    run = run_of(0, engine="plugin", algo=f"{__name__}:Quitting", hyperparameters={})
+    (error,) = run_batch([run], Results(tmp_path), final_episodes=1).values()
+    assert str(error).startswith(f"learn of the agent {__name__}:Quitting failed (SystemExit, line")
+
+    # A part of the training where no other sentence stands for it.
+    monkeypatch.setattr(TrainingGroup, "train", lambda group, until: sys.exit(3))
+    (error,) = run_batch([run_of(1)], Results(tmp_path), final_episodes=1).values()
+    assert isinstance(error, WorkError)
+    assert str(error).startswith("Code that jbench called ended the process (SystemExit: 3, line")
 
 
 def test_agent_of_stable_baselines3_that_diverges_is_called_so(tmp_path):

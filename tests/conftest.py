@@ -135,14 +135,12 @@ def forked_workers(monkeypatch):
     fork_workers(monkeypatch)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture
 def short_encoder_evaluation():
-    """Evaluates encoders on two heuristic episodes, not ten, for the rest of the session."""
-    from jbench.encoders import reconstruction
+    """Evaluates encoders on two episodes of the hand-written policy, not ten."""
+    from tests import short_encoders
 
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(reconstruction, "_EPISODES", 2)
-        reconstruction.heuristic_episodes.cache_clear()
+    with short_encoders.short_encoder_evaluation():
         yield
 
 

@@ -18,10 +18,17 @@ from jbench.store import Results
 from jbench.store.tables import read_tables
 from tests.command_line import SHORT, jbench, kill_when, start, succeed, train
 from tests.commands.distributions import install
+from tests.short_encoders import short_encoder_evaluation
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _short_evaluation():
+    with short_encoder_evaluation():
+        yield
 
 
 @pytest.fixture(scope="module")
-def collected(short_encoder_evaluation, tmp_path_factory):
+def collected(tmp_path_factory):
     """A results directory with a small dataset."""
     results = tmp_path_factory.mktemp("encoders") / "results"
     assert main(["collect", "--steps", "2000", "--results", str(results)]) == 0

@@ -9,6 +9,7 @@ from jbench.encoders.states import States
 from jbench.encoders.training import train_encoder
 from jbench.store import Results
 from tests.encoders.encoder_data import make_dataset
+from tests.short_encoders import short_encoder_evaluation as short_evaluation
 
 
 @pytest.fixture(autouse=True)
@@ -22,7 +23,7 @@ def results(tmp_path):
 
 
 @pytest.fixture(scope="session")
-def trained(short_encoder_evaluation, tmp_path_factory):
+def trained(tmp_path_factory):
     """A dataset of five episodes and an encoder of it; tests must not change them."""
     results = Results(tmp_path_factory.mktemp("trained") / "results")
     dataset = make_dataset(results)
@@ -30,7 +31,8 @@ def trained(short_encoder_evaluation, tmp_path_factory):
     settings = encoder_settings("dae", options, dataset=dataset.id, latents=3, seed=2)
     settings = settings.without_names  # so it is dae3
     states = States(dataset, "face_direction", 2)
-    record = train_encoder(settings, states, results)
+    with short_evaluation():
+        record = train_encoder(settings, states, results)
     return SimpleNamespace(
         results=results, dataset=dataset, settings=settings, states=states, record=record
     )

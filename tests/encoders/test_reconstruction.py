@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import safetensors.numpy
 
-from jbench.encoders.reconstruction import heuristic_episodes
+from jbench.encoders import reconstruction
 from jbench.encoders.registry import make_kind
 from jbench.encoders.saved import WEIGHTS
 from jbench.encoders.states import split_episodes
@@ -28,7 +28,7 @@ def test_errors_equal_those_of_saved_encoder(trained, results, kind):
     (total,) = rows(record, "encoder_errors").to_dict("records")
     for data, episodes in (
         ("test", observations_of(trained.dataset)[split_episodes(5, 2).held_out]),
-        ("heuristic", heuristic_episodes("face_direction", None)),
+        ("heuristic", reconstruction.heuristic_episodes("face_direction", None)),
     ):
         rebuilt, expected = reconstructions(record, trained.states.scaled(episodes))
         mse, variance = np.mean((rebuilt - expected) ** 2, axis=0), expected.var(axis=0)

@@ -21,6 +21,7 @@ from jbench.training.events import Failed, Note
 from jbench.training.status import run_status
 from jbench.training.worker import _ended
 from tests.encoders.encoder_data import make_dataset
+from tests.short_encoders import short_encoder_evaluation
 from tests.short_episodes import EPISODE, short_episodes
 from tests.training.small_runs import train_batch
 from tests.training.test_continuation import outcome
@@ -34,12 +35,13 @@ train = functools.partial(train_batch, keep_state="compact", final_episodes=1)
 
 
 @pytest.fixture(scope="module")
-def mirroring(short_encoder_evaluation, tmp_path_factory):
+def mirroring(tmp_path_factory):
     """A results directory with a planar-mirror encoder of random states, and the encoder's id."""
     results = Results(tmp_path_factory.mktemp("mirroring") / "results")
     dataset = make_dataset(results)
     kind = encoder_settings("planar-mirror", {}, dataset=dataset.id, latents=12)
-    train_encoder(kind, States(dataset, "face_direction", 0), results)
+    with short_encoder_evaluation():
+        train_encoder(kind, States(dataset, "face_direction", 0), results)
     return results, kind.id
 
 

@@ -30,6 +30,7 @@ from jbench.training.repeat import reevaluate, retrain
 from tests.agents.test_batched_engine import build_engine
 from tests.agents.test_plugin_engine import build_engine as plugin_engine_of
 from tests.encoders.encoder_data import make_dataset, planar_encoder
+from tests.short_encoders import short_encoder_evaluation
 from tests.short_episodes import EPISODE, short_episodes
 from tests.training.small_runs import small_run, train
 
@@ -39,12 +40,13 @@ LENGTHS = {"steps": 2 * EPISODE, "evaluate_every": EPISODE, "evaluate_episodes":
 
 
 @pytest.fixture(scope="module")
-def results(short_encoder_evaluation, tmp_path_factory):
+def results(tmp_path_factory):
     """A results directory with a planar-mirror encoder of random states, and the encoder's id."""
     results = Results(tmp_path_factory.mktemp("mirrored") / "results")
     dataset = make_dataset(results)
     settings = encoder_settings("planar-mirror", {}, dataset=dataset.id, latents=12)
-    train_encoder(settings, States(dataset, TASK, 0), results)
+    with short_encoder_evaluation():
+        train_encoder(settings, States(dataset, TASK, 0), results)
     return results, settings.id
 
 

@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -21,8 +22,7 @@ RUNS = [small_run("ddpg", OFF_POLICY, engine="batched", seed=n, **LENGTHS) for n
 
 @pytest.fixture(scope="module", autouse=True)
 def _short_episodes():
-    with short_episodes(), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(os, "environ", os.environ.copy())  # the commands change it
+    with short_episodes(), mock.patch.dict(os.environ):  # the commands change it
         yield
 
 

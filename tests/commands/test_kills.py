@@ -49,11 +49,13 @@ def test_killed_training_is_readable_and_resumes(tmp_path):
     process = start(*checkpoints, results=tmp_path)
     kill_when(lambda: len(list(tmp_path.rglob("checkpoint-*"))) >= 3, process)
     results = Results(tmp_path)
-    records = results.scan("run")[0]
+    for record in results.scan("run")[0]:
+        wait_until_free(record)
+    records, problems = results.scan("run")
+    assert (len(records), problems) == (2, [])
     for record in records:
         assert record.status == "unfinished"
         assert set(record.read("episodes")["length"].to_pylist()) <= {SHORT}
-        wait_until_free(record)
     done = succeed(*arguments, results=tmp_path)
     for record in records:
         assert f"{record.id} was interrupted or failed; it resumes at control step" in done.stdout

@@ -5,11 +5,11 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 
 import pytest
 
-from jbench.store import Results
-from jbench.store.query import query_results
+from jbench.store import Results, query
 
 LONG = "SELECT * FROM published"
 FORMATS = ((), *(pytest.param((name,), marks=pytest.mark.slow) for name in ("--csv", "--json")))
@@ -54,15 +54,27 @@ def test_document_stands_alone_beside_what_an_environment_prints(run_command, tm
     assert "observed\n" in printed
 
 
-def test_ctrl_c_interrupts_query(tmp_path):
+def test_ctrl_c_interrupts_query(tmp_path, monkeypatch):
+    begun, answer, here = threading.Event(), query._answer, threading.get_ident()
+
+    def begin(*arguments):
+        begun.set()
+        return answer(*arguments)
+
+    def interrupt_what_has_begun():
+        if begun.wait(300):
+            time.sleep(0.5)  # by then, DuckDB computes and this test waits
+            signal.pthread_kill(here, signal.SIGINT)
+
+    monkeypatch.setattr(query, "_answer", begin)
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    here = threading.get_ident()
-    interrupt = threading.Timer(0.5, signal.pthread_kill, [here, signal.SIGINT])
+    interrupt = threading.Thread(target=interrupt_what_has_begun)
     sql = "SELECT count(*) FROM published, range(10000000000) a, range(9) b"
     try:
         interrupt.start()
         with pytest.raises(KeyboardInterrupt):
-            query_results(Results(tmp_path), sql)
+            query.query_results(Results(tmp_path), sql)
     finally:
         interrupt.join()
         signal.signal(signal.SIGINT, before)
+    assert begun.is_set()

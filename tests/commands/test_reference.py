@@ -11,9 +11,16 @@ from jbench.store.shipped import shipped
 def empty_directory(tmp_path, monkeypatch):
     """Runs a test in an empty directory; checks that the shipped results are unchanged."""
     monkeypatch.chdir(tmp_path)
-    before = sorted(shipped().rglob("*"))
+    before = shipped_files()
     yield
-    assert sorted(shipped().rglob("*")) == before
+    assert shipped_files() == before
+
+
+def shipped_files():
+    """Returns the size and the time of the last change of each shipped file, by its path."""
+    status = {path: path.stat() for path in shipped().rglob("*") if path.is_file()}
+    assert status
+    return {path: (each.st_size, each.st_mtime_ns) for path, each in status.items()}
 
 
 def test_shipped_runs_are_listed_and_queried(document):

@@ -228,8 +228,10 @@ def test_metrics_of_a_run_are_curves_in_its_dialog(fabric, tmp_path, opened):
 def test_everything_that_a_mouse_can_do_a_keyboard_can(shipped_page, opened):
     shown = opened(shipped_page).page
     selector = "button, a[href], select, input, summary, .scroll"
+    assert shown.locator(selector).count() > 0
     assert shown.locator(selector).evaluate_all("(all) => all.every((e) => e.tabIndex >= 0)")
     row = "(rows) => rows.every((row) => row.querySelector('button'))"
+    assert shown.locator("tr[data-run]").count() > 0
     assert shown.locator("tr[data-run]").evaluate_all(row)
 
 

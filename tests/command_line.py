@@ -55,6 +55,10 @@ class Process(Forked):
             file.seek(0)
         return self._out.read(), self._err.read()
 
+    def printed(self):
+        """Returns the standard output so far, without a move in the file, which the two share."""
+        return os.pread(self._out.fileno(), os.fstat(self._out.fileno()).st_size, 0).decode()
+
     def finished(self):
         """Waits until the process ends; returns the same as `subprocess.run`."""
         out, err = self.communicate(timeout=600)

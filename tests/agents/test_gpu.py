@@ -147,8 +147,14 @@ def test_restored_engine_continues_bit_for_bit(algo, options, steps, device):
     assert_continues(lambda seeds: build_engine(algo, seeds, **more), steps)
 
 
-@on_each_device
-@pytest.mark.parametrize("algo", ALGORITHMS)
+@pytest.mark.parametrize(
+    ("algo", "device"),
+    [
+        *((algo, "cpu") for algo in ("td3", "ppo")),
+        *(slow(algo, "cpu") for algo in ("ddpg", "sac")),
+        *(pytest.param(algo, "cuda", marks=needs_gpu) for algo in ALGORITHMS),
+    ],
+)
 def test_checkpoint_can_be_restored_on_other_device(algo, device):
     here = {"device": "cpu", "stacked": False}
     there = {"device": device, "stacked": True}
@@ -203,7 +209,7 @@ def test_killed_run_resumes_bit_for_bit(device, tmp_path, monkeypatch):
     assert outcome(tmp_path / "killed", run) == outcome(tmp_path / "whole", run)
 
 
-@on_each_device
+@slow_on_a_cpu
 def test_run_resumes_on_other_device_and_back(device, tmp_path, monkeypatch):
     shorten_episodes(monkeypatch.setattr)
     run, events = settings("sac", 1), []

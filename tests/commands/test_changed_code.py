@@ -92,12 +92,17 @@ def check_evaluate(project, edited):
         check_export(project, edited, run)
 
 
-def check_export(project, edited, run):
-    export = ("export", run, "--out", "policy.onnx")
-    done = project.type(*export)
+def check_export_is_refused(project, edited, run):
+    done = project.type("export", run, "--out", "policy.onnx")
     assert done.returncode == 2
     assert re.search(f"{edited} has changed since the run {run} was recorded {DATE}", done.stderr)
-    done = project.succeed(*export, "--accept-changed-code", "--json")
+    assert not (project.folder / "policy.onnx").exists()
+
+
+def check_export(project, edited, run):
+    check_export_is_refused(project, edited, run)
+    accepted = ("--accept-changed-code", "--json")
+    done = project.succeed("export", run, "--out", "policy.onnx", *accepted)
     assert "robot:Robot, with changed code" in done.stderr
     assert len(json.loads(done.stdout)["accepted"]) == 8
 
@@ -183,9 +188,7 @@ VERBS = {
 
 DIAGONAL = (
     ("task", "import", "train"),
-    ("task", "module", "evaluate"),
     ("encoder", "data", "evaluate"),
-    ("rule", "module", "report"),
     ("agent", "data", "accept"),
     ("loop", "import", "verify"),
 )
@@ -204,6 +207,11 @@ def is_possible(kind, edit, verb):
 def test_changed_code_is_another_experiment(made, kind, edit, verb, tmp_path):
     project = made(kind).copy(tmp_path / "project")
     VERBS[verb](project, project.edit(edit))
+
+
+def test_policy_of_changed_code_is_not_exported(made, tmp_path):
+    project = made("task").copy(tmp_path / "project")
+    check_export_is_refused(project, project.edit("module"), min(project.runs()))
 
 
 @pytest.mark.slow

@@ -61,38 +61,30 @@ def kill(pid):
 
 @pytest.mark.usefixtures("short")
 def test_sweep_makes_prerequisites_and_repeating_it_changes_nothing(tmp_path, results):
-    matrix = write_matrix(tmp_path, representations='"full", "pca3"')
-    done = sweep(matrix, results, "--dry-run", "--json")
-    assert done.returncode == 0
-    document = json.loads(done.stdout)
-    assert [cell["missing"] for cell in document["configurations"]] == [2, 2]
-    assert {cell["estimate"] for cell in document["configurations"]} == {"a quick measurement"}
-    assert [name.split("/")[0] for name in document["made_first"]] == ["random", "face_direction"]
-    assert not list(results.rglob("manifest.json"))
-
+    matrix = write_matrix(tmp_path, representations='"full", "pca3"', seeds="0")
     done = sweep(matrix, results, "--json")
     assert done.returncode == 0
     document = json.loads(done.stdout)
-    assert [cell["finished"] for cell in document["configurations"]] == [2, 2]
+    assert [cell["finished"] for cell in document["configurations"]] == [1, 1]
     assert (document["failures"], document["made_first"]) == ({}, [])
-    assert "4 of 4 runs ended" in done.stderr
+    assert "2 of 2 runs ended" in done.stderr
     runs = runs_of_matrix(matrix, results)
     assert [id for cell in document["configurations"] for id in cell["runs"]] == [
         run.id for run in runs
     ]
-    assert states(runs, results) == ["finished"] * 4
+    assert states(runs, results) == ["finished"] * 2
 
     before = {path: path.read_bytes() for path in results.rglob("manifest.json")}
     done = sweep(matrix, results)
     assert done.returncode == 0
-    assert "4 of 4 runs are already finished; nothing to do." in done.stdout
-    assert {path: path.read_bytes() for path in results.rglob("manifest.json")} == before
+    assert "2 of 2 runs are already finished; nothing to do." in done.stdout
     # The forecast of more runs is based on a measurement of this machine, not on its records.
-    done = sweep(matrix, results, "--seeds", "0-2", "--dry-run", "--json")
+    done = sweep(matrix, results, "--seeds", "0-1", "--dry-run", "--json")
     assert done.returncode == 0
+    assert {path: path.read_bytes() for path in results.rglob("manifest.json")} == before
     cells = json.loads(done.stdout)["configurations"]
     assert [(cell["finished"], cell["missing"], cell["estimate"]) for cell in cells] == [
-        (2, 1, "a quick measurement")
+        (1, 1, "a quick measurement")
     ] * 2
     succeed("verify", results=results, short=True)
 

@@ -2,36 +2,29 @@
 
 import json
 import signal
-import subprocess
 from functools import partial
 
 import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from jbench.store import Results
-from tests.command_line import INTERRUPTIBLE, succeed, train, wait_until
+from tests.command_line import start, succeed, train, wait_until
 from tests.store.store_rows import listed
 from tests.store.store_whole import add_whole_run
 
 
 def test_tail_prints_each_committed_row_until_ctrl_c(tmp_path):
-    out = tmp_path / "rows.jsonl"
     (tmp_path / "results").mkdir()
-    with out.open("w") as stdout:
-        tail = subprocess.Popen(
-            [*INTERRUPTIBLE, "tail", "--json", "--results", str(tmp_path / "results")],
-            stdout=stdout,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
+    tail = start("tail", "--json", results=tmp_path / "results")
     training = train("td3", "none", "--log", "tensorboard", "--steps", "200")
     succeed(*training, results=tmp_path / "results", short=True)
     runs = Results(tmp_path / "results").scan("run")[0]
-    wait_until(lambda: out.read_text().count('"finished"') == len(runs), tail)
+    assert len(runs) == 2
+    wait_until(lambda: tail.printed().count('"finished"') == len(runs), tail)
     tail.send_signal(signal.SIGINT)
-    assert tail.communicate(timeout=60)[1] == ""
-    assert tail.returncode == 0
-    lines = [json.loads(line) for line in out.read_text().splitlines()]
+    printed, errors = tail.communicate(timeout=300)
+    assert (tail.returncode, errors) == (0, "")
+    lines = [json.loads(line) for line in printed.splitlines()]
     for run in runs:
         rows = [line for line in lines if line["run"] == run.id]
         for table in ("episodes", "evaluations"):

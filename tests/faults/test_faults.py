@@ -10,7 +10,7 @@ import pytest
 
 from tests.command_line import Process
 
-SAMPLE = {"collect": 1, "merge": 2}
+SAMPLE = {"collect": 2}
 """Number of faults of each command."""
 
 LARGER_SAMPLE = {

@@ -580,8 +580,8 @@ def test_other_kinds_of_files_in_a_folder_are_counted_and_reports_are_no_curves(
     curves = "method,task,seed,steps,return\nA,t,0,0,1\nA,t,0,9,2\n"
     (tmp_path / "mine").mkdir()
     written(tmp_path / "mine" / "a.csv", curves)
-    out = str(tmp_path / "mine" / "a-report")
-    assert main(["report", "--curves", str(tmp_path / "mine"), "--out", out]) == 0
+    out = ("--out", str(tmp_path / "mine" / "a-report"), "--format", "svg")
+    assert main(["report", "--curves", str(tmp_path / "mine"), *out]) == 0
     assert (tmp_path / "mine" / "a-report" / "tables" / "final_returns.csv").exists()
     record = tmp_path / "mine" / "results" / "runs" / "walk"
     record.mkdir(parents=True)
@@ -639,7 +639,8 @@ def test_monitor_with_a_restart_is_read_as_one_training_with_a_note(tmp_path):
     assert file.points["steps"].tolist() == [100, 200, 300, 400]
     assert file.points["return"].tolist() == [5, 7, 8, 9]
     assert any("The time goes back 1 time in 0.monitor.csv" in note for note in file.notes)
-    assert main(["report", "--curves", str(tmp_path), "--out", str(tmp_path / "out")]) == 0
+    out = ("--out", str(tmp_path / "out"), "--format", "svg")
+    assert main(["report", "--curves", str(tmp_path), *out]) == 0
 
 
 def test_headline_says_after_how_many_steps(tmp_path):

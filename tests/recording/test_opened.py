@@ -14,10 +14,17 @@ def shipped():
     return jbench.open("reference")
 
 
-def test_runs_have_final_returns_and_settings(shipped):
-    runs = shipped.runs(task="face_direction", algo="td3").set_index("run")
+@pytest.mark.parametrize(
+    ("algo", "precisions"),
+    [
+        ("sac", {"float32"}),
+        pytest.param("td3", {"float32", "bfloat16"}, marks=pytest.mark.slow),
+    ],
+)
+def test_runs_have_final_returns_and_settings(shipped, algo, precisions):
+    runs = shipped.runs(task="face_direction", algo=algo).set_index("run")
     assert len(runs) == shipped.query(
-        "SELECT count(*) AS n FROM runs WHERE task = 'face_direction' AND algo = 'td3'"
+        f"SELECT count(*) AS n FROM runs WHERE task = 'face_direction' AND algo = '{algo}'"
     ).iloc[0, 0]  # fmt: skip
     last = shipped.query(
         "SELECT run, avg(episode_return) AS mean FROM evaluations WHERE (run, evaluation) IN "
@@ -44,7 +51,7 @@ def test_runs_have_final_returns_and_settings(shipped):
         f"SELECT settings->'hyperparameters'->>'buffer_size' AS n FROM runs WHERE run = '{run}'"
     )["n"]
     assert runs.loc[run, "buffer_size"] == int(recorded)
-    assert set(runs["precision"]) == {"float32", "bfloat16"}
+    assert set(runs["precision"]) == precisions
 
 
 @pytest.mark.slow

@@ -196,7 +196,8 @@ def test_hostile_names_run_nothing(tmp_path, opened):
     names = [HOSTILE, "=cmd|' /C calc'!A0", r"\input{x} & $y$ _"]
     curves = {(name, HOSTILE, s): [s, s + 5] for name in names for s in range(6)}
     path = write_csv(tmp_path / "hostile.csv", curves)
-    assert main(["report", "--curves", str(path), "--out", str(tmp_path / "out")]) == 0
+    out = ("--out", str(tmp_path / "out"), "--format", "svg")
+    assert main(["report", "--curves", str(path), *out]) == 0
     assert "=cmd" in opened(tmp_path / "out" / "index.html").page.content()
     lines = (tmp_path / "out" / "tables" / "comparisons.csv").read_text()
     assert ",=cmd" not in lines
@@ -210,7 +211,8 @@ _SLOW = [pytest.param(curve, marks=pytest.mark.slow) for curve in _OTHERS]
 @pytest.mark.parametrize("curve", [[5.0], *_SLOW])
 def test_smallest_files_are_reported(curve, tmp_path, opened):
     path = write_csv(tmp_path / "small.csv", {("PPO", "walk", 3): curve})
-    assert main(["report", "--curves", str(path), "--out", str(tmp_path / "out")]) == 0
+    out = ("--out", str(tmp_path / "out"), "--format", "svg")
+    assert main(["report", "--curves", str(path), *out]) == 0
     text = opened(tmp_path / "out" / "index.html").page.inner_text("h1 + button + p")
     assert text.startswith("PPO reaches a median return of ")
 

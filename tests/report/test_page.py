@@ -250,7 +250,8 @@ def test_page_is_readable_without_scripts(shipped_page, opened):
         pytest.param("young", marks=pytest.mark.slow),
         pytest.param("variants", marks=pytest.mark.slow),
         "one run",
-        "hostile",
+        # test_hostile_names_run_nothing has such names in a file.
+        pytest.param("hostile", marks=pytest.mark.slow),
     ],
 )
 def test_no_page_scrolls_sideways_or_loads_anything(fabric, opened, tmp_path, case, request):

@@ -131,7 +131,7 @@ def test_encoders_are_trained_on_requested_device(tmp_path, results, monkeypatch
 
 @pytest.mark.slow
 def test_sweep_stopped_by_ctrl_c_resumes(tmp_path, results):
-    matrix = write_matrix(tmp_path, steps=1000, seeds="0")
+    matrix = write_matrix(tmp_path, steps=100 * SHORT, seeds="0")
     (run,) = runs_of_matrix(matrix, results)
     nothing = "No run has begun yet; the same command begins again."
     assert kept_runs([run], Results(results)) == nothing
@@ -150,12 +150,12 @@ def test_sweep_stopped_by_ctrl_c_resumes(tmp_path, results):
     printed = ended(again)
     assert again.returncode == 0
     assert f"{run.id} was interrupted or failed; it resumes at control step" in printed
-    assert committed(run, results) == 10
+    assert committed(run, results) == 100
 
 
 @pytest.mark.slow
 def test_killed_worker_is_restarted_limited_number_of_times(tmp_path, results):
-    matrix = write_matrix(tmp_path, seeds="0-1", steps=1000)
+    matrix = write_matrix(tmp_path, seeds="0-1", steps=100 * SHORT)
     runs = runs_of_matrix(matrix, results)
     process = start(matrix, "--jobs", "1", results=results)
     killed = set()
@@ -180,7 +180,7 @@ def test_killed_worker_is_restarted_limited_number_of_times(tmp_path, results):
 
 @pytest.mark.slow
 def test_second_sweep_takes_over_runs_of_killed_sweep(tmp_path, results):
-    matrix = write_matrix(tmp_path, algos='"td3", "ppo"', seeds="0", steps=2000)
+    matrix = write_matrix(tmp_path, algos='"td3", "ppo"', seeds="0", steps=100 * SHORT)
     td3, ppo = runs = runs_of_matrix(matrix, results)
     first = start(matrix, "--jobs", "1", results=results)
     wait_until(lambda: held([td3], results), first)

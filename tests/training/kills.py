@@ -4,12 +4,13 @@
 
 DIR/whole holds the batch trained without kills; DIR/0, DIR/1 … hold batches with kills. Each
 attempt is a fork of this process, which has imported all modules but started no thread. With
-"at": "random" the parent kills it at random times, in one directory after another, until the number
-of kills is reached. With "at": "writes" attempt n kills itself at its n-th write point (with
-"every": m at point 1 + (n - 1) m) until one finishes. Write points are before, within and after
-each write, and before and after each fsync and rename of `jbench/store/files.py`, which does all
-writing. With "encoder": n the runs have an encoder of n latents. With "shorter": n the runs with
-kills continue runs of n control steps, which are trained without kills.
+"at": "random" the parent kills it a random short time after a random number of further episodes,
+in one directory after another, until the number of kills is reached. With "at": "writes" attempt n
+kills itself at its n-th write point (with "every": m at point 1 + (n - 1) m) until one finishes.
+Write points are before, within and after each write, and before and after each fsync and rename of
+`jbench/store/files.py`, which does all writing. With "encoder": n the runs have an encoder of n
+latents. With "shorter": n the runs with kills continue runs of n control steps, which are trained
+without kills.
 
 Episodes have 50 control steps, so that many are completed per second.
 
@@ -97,14 +98,12 @@ class Killer:
         shorter = request.get("shorter")
         self._shorter = [run.model_copy(update={"steps": shorter}) for run in self._runs if shorter]
         self._encoder = TanhEncoder(request["encoder"]) if request.get("encoder") else None
-        self._draw, self._longest = random.Random(0), 0.0
+        self._draw = random.Random(0)
         self.kills, self.steps, self.problems = 0, [], []
 
     def whole(self):
-        """Trains the batch without kills, and measures the time."""
-        began = time.perf_counter()
+        """Trains the batch without kills."""
         assert self._end(self._fork(self._path / "whole")) == 0
-        self._longest = 0.7 * (time.perf_counter() - began)
 
     def until_done(self, folder):
         path = self._path / folder
@@ -117,8 +116,7 @@ class Killer:
             else:
                 process = self._fork(path)
                 if self.kills < self._wanted:
-                    time.sleep(self._draw.uniform(0, self._longest))
-                    os.kill(process, signal.SIGKILL)
+                    self._kill(process, path)
             code = self._end(process)
             if code is not None:
                 assert code == 0, code
@@ -147,6 +145,20 @@ class Killer:
             traceback.print_exc()
         finally:
             os._exit(code)
+
+    def _kill(self, process, path):
+        """Kills a process a random short time after a random number of further episodes."""
+        wanted = self._episodes(path) + self._draw.randrange(2 * len(self._runs) + 1)
+        if_ended = os.WEXITED | os.WNOHANG | os.WNOWAIT
+        while self._episodes(path) < wanted and os.waitid(os.P_PID, process, if_ended) is None:
+            time.sleep(0.002)
+        time.sleep(self._draw.uniform(0, 0.03))
+        os.kill(process, signal.SIGKILL)
+
+    def _episodes(self, path):
+        """Returns the number of committed episodes of all runs."""
+        records = [Results(path).find("run", run.id) for run in self._runs]
+        return sum(record.rows("episodes") for record in records if record is not None)
 
     def _end(self, process):
         """Waits for a process; returns its exit code, or None if it was killed."""

@@ -16,7 +16,7 @@ TD3 = {"batch_size": 8, "learning_starts": 500, "train_freq": 100, "gradient_ste
 SHORT = {"engine": "batched", "steps": 1000, "evaluate_every": 1000, "evaluate_episodes": 0}
 
 # SIGINT is sent when the worker is started but not yet known to its parent. The worker must not
-# handle it, not even before its first line.
+# handle it, not even before its first line, which makes it ignore SIGINT.
 INTERRUPTED = """
 import os, signal, subprocess, sys, time
 from jbench.cli import main
@@ -24,14 +24,18 @@ from jbench.sweeps import executors
 
 start = subprocess.Popen
 
+def is_in(name, process):
+    with open(f"/proc/{process.pid}/status") as status:
+        (mask,) = (line.split()[1] for line in status if line.startswith(name))
+    return int(mask, 16) & 1 << signal.SIGINT - 1
+
 def popen(arguments, **more):
     process = start(arguments, **more)
     if "jbench.training.worker" in arguments:
-        with open(f"/proc/{process.pid}/status") as status:
-            (mask,) = (line.split()[1] for line in status if line.startswith("SigBlk:"))
-        assert int(mask, 16) & 1 << signal.SIGINT - 1
+        assert is_in("SigBlk:", process)
         os.kill(os.getpid(), signal.SIGINT)
-        time.sleep(1)
+        while not is_in("SigIgn:", process):
+            time.sleep(0.01)
     return process
 
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -63,7 +67,7 @@ def test_interrupt_during_start_of_worker_ends_worker(tmp_path):
     )
     try:
         # Otherwise this waits for a training of five million control steps.
-        _, printed = process.communicate(timeout=120)
+        _, printed = process.communicate(timeout=300)
     finally:
         process.kill()
     assert process.returncode == 130

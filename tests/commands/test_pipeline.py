@@ -6,6 +6,7 @@ The pipeline runs once, with short episodes; the tests check its results.
 import json
 import shutil
 from functools import partial
+from itertools import chain
 from pathlib import Path
 
 import pytest
@@ -55,9 +56,9 @@ def test_each_record_is_finished_and_keeps_its_command_line(pipeline):
     }
 
 
-def check_report(results, out, trained, *formats):
-    """Asserts that a report shows both seeds of each algorithm and encoder."""
-    more = ("--format", ",".join(formats))
+def check_report(results, out, trained, figure, *formats):
+    """Asserts that a report shows both seeds of each algorithm and encoder, and has a figure."""
+    more = chain.from_iterable(("--format", format) for format in formats)
     done = succeed("report", "--json", "--out", str(out), *more, results=results)
     printed = json.loads(done.stdout)
     rows = printed["configurations"]
@@ -65,13 +66,13 @@ def check_report(results, out, trained, *formats):
     reported = {(row["algo"], row["representation"], row["seeds"]) for row in rows}
     assert reported == {(algo.upper(), names[encoder], 2) for algo, encoder in trained}
     written = {Path(path).name for path in printed["files"]}
-    figures = {f"representations.{format}" for format in formats}
+    figures = {f"{figure}.{format}" for format in formats}
     assert {*figures, "curves.parquet", "curves.csv"} <= written
     assert all(Path(path).stat().st_size > 0 for path in printed["files"])
 
 
 def test_report_shows_every_cell(pipeline, tmp_path):
-    check_report(pipeline, tmp_path / "report", TRAINED, "svg")
+    check_report(pipeline, tmp_path / "report", TRAINED, "algorithms", "svg")
 
 
 @pytest.mark.slow
@@ -81,7 +82,8 @@ def test_report_shows_what_was_trained_later(pipeline, tmp_path):
     later = (("td3", "5"), ("ppo", "none"))
     for each in later:
         succeed(*train(*each), results=results)
-    check_report(results, tmp_path / "report", (*TRAINED, *later), "png", "svg")
+    trained = (*TRAINED, *later)
+    check_report(results, tmp_path / "report", trained, "representations", "png", "svg")
 
 
 def test_repeated_commands_change_nothing_and_report_it(pipeline):

@@ -140,9 +140,8 @@ def test_work_that_another_seed_may_finish_says_what_to_type(tmp_path):
         f"{before * EPISODE} of 800 control steps are kept, and jbench collect --task {name} "
         f"--results {tmp_path} --steps 800 --seed 5 makes other episodes."
     )
-    assert str(raised.value).endswith(
-        f"ArithmeticError: a leg broke, line 97 of odd_tasks.py); {kept}"
-    )
+    assert "(ArithmeticError: a leg broke, line " in str(raised.value)
+    assert str(raised.value).endswith(f" of odd_tasks.py); {kept}")
     for id in (settings.id, None):
         with pytest.raises(RequestError) as refused:
             find_dataset(results, id, name)

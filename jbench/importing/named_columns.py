@@ -90,8 +90,7 @@ def read_named_columns(file: tables.ImportedFile) -> tables.CurveFile:
             raise _lacks(role, table, file)
 
     numeric = {role: columns[role] for role in ("steps", "return")}
-    # A logger leaves the returns of rows without one empty.
-    table = table[table[numeric["return"]].str.strip() != ""]
+    table = tables.rows_with_value(table, numeric["return"])
     if table.empty:
         raise RequestError(f"{file.path} has no value of {numeric['return']}; leave it out.")
 

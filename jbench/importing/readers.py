@@ -17,7 +17,14 @@ from jbench.errors import RequestError
 from jbench.importing.event_file import read_event_file
 from jbench.importing.named_columns import known_columns, single_steps
 from jbench.importing.request import RETURN, STEPS, TAGS, ImportRequest
-from jbench.importing.tables import ImportedFile, check_column, numbers, read_table, seeds
+from jbench.importing.tables import (
+    ImportedFile,
+    check_column,
+    numbers,
+    read_table,
+    rows_with_value,
+    seeds,
+)
 from jbench.importing.wandb_chart import NOT_CONTROL_STEPS, columns_of_runs
 from jbench.names import TASKS, ImportFormat, ReturnsName
 from jbench.registration import environment_id
@@ -106,8 +113,8 @@ def _read_wandb(file: ImportedFile, request: ImportRequest) -> list[Series]:
 
 
 def _points(table: pd.DataFrame, columns: Mapping[str, str], file: ImportedFile) -> pd.DataFrame:
-    """Returns the points of rows with a return, which logs of several quantities may lack."""
-    rows = table[table[columns["return"]] != ""]
+    """Returns the points of rows with a return."""
+    rows = rows_with_value(table, columns["return"])
     if rows.empty:
         raise RequestError(f"{file.path} has no value of {columns['return']}; leave it out.")
     names = {"control_steps": columns["steps"], "episode_return": columns["return"]}

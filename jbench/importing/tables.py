@@ -112,8 +112,8 @@ def read_table(file: ImportedFile, skip: int = 0, *, ends_line: bool = True) -> 
         raise RequestError(f"{file.path} has a header, but no rows; leave the file out.")
 
     table = pd.DataFrame(list(rows.values())[1:], pd.Index([*rows][1:], name="line"))
-    kept = [place for place, name in enumerate(header) if name or (table[place] != "").any()]
-    names = [header[place] for place in kept]
+    kept = [i for i, name in enumerate(header) if name or len(rows_with_value(table, i))]
+    names = [header[i] for i in kept]
     doubled = {name for name in names if names.count(name) > 1}
     if doubled == {""}:
         raise RequestError(
@@ -252,6 +252,11 @@ def _fields_of_any_length(text: str) -> Iterator[None]:
         yield
     finally:
         csv.field_size_limit(before)
+
+
+def rows_with_value(table: pd.DataFrame, column: str | int) -> pd.DataFrame:
+    """Returns the rows with a value in a column, which logs of several quantities may lack."""
+    return table[table[column].str.strip() != ""]
 
 
 def check_column(

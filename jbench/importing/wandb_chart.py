@@ -8,7 +8,7 @@ import pandas as pd
 
 from jbench.errors import RequestError
 from jbench.importing.path_names import names_of_run
-from jbench.importing.tables import CurveFile, ImportedFile, numbers
+from jbench.importing.tables import CurveFile, ImportedFile, numbers, rows_with_value
 
 NOT_CONTROL_STEPS = ("Step", "Wall Time", "Relative Time (Wall)", "Relative Time (Process)")
 """Axes of W&B that are none of a training's control steps: `Step` counts calls of `wandb.log`."""
@@ -66,7 +66,7 @@ def read_chart(table: pd.DataFrame, file: ImportedFile) -> CurveFile:
             )
 
         labelled[labels] = run
-        rows = table[table[column].str.strip() != ""]
+        rows = rows_with_value(table, column)
         points = numbers(rows, {"steps": axis, "return": column}, file)
         curves.append(points.assign(task=names.task, method=names.method, seed=names.seed))
 

@@ -100,6 +100,13 @@ def test_columns_and_seeds_with_usual_names_need_no_options(separator, tmp_path,
     assert rows()[9]["control_steps"].tolist() == [1000]
 
 
+def test_cells_of_spaces_are_empty(tmp_path, imports, rows):
+    path = tmp_path / "progress.csv"
+    path.write_text("seed,global_step,return, ,\n4,1000, , ,\n4,2000, 6 , ,\n")
+    assert imports("csv", path, seed_from=None)[0] == 0
+    assert rows()[4][["control_steps", "episode_return"]].to_numpy().tolist() == [[2000, 6]]
+
+
 @pytest.mark.parametrize(
     ("text", "points"),
     [

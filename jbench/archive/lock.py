@@ -3,26 +3,61 @@
 import importlib.metadata
 
 from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+from packaging.version import InvalidVersion, Version
+
+_NO_EXTRA = ""
+
+_HEAD = """\
+# The versions with which this archive was written, but for jbench (README.txt).
+"""
 
 
 def lock() -> str:
-    """Returns the installed versions of jbench and of all that it needs, for pip."""
+    """Returns the installed versions of all packages that jbench needs, for pip."""
+    versions = _needed("jbench")
+    versions.pop("jbench", None)
+    lines = [f"{name}=={_of_index(version)}\n" for name, version in sorted(versions.items())]
+    return _HEAD + "".join(lines)
+
+
+def _needed(package: str) -> dict[str, str]:
+    """Returns the installed version of a package and of each that it needs, by name.
+
+    A requirement may ask for extras of a package, which need further packages.
+    """
     versions: dict[str, str] = {}
-    waiting = ["jbench"]
+    seen = set[tuple[str, str]]()
+    waiting = [(package, _NO_EXTRA)]
     while waiting:
-        name = waiting.pop()
+        name, extra = waiting.pop()
+        if (name, extra) in seen:
+            continue
+
+        seen.add((name, extra))
         try:
             distribution = importlib.metadata.distribution(name)
         except importlib.metadata.PackageNotFoundError:
             continue
 
-        if name in versions:
-            continue
         versions[name] = distribution.version
         for text in distribution.requires or []:
             requirement = Requirement(text)
-            if requirement.marker is None or requirement.marker.evaluate({"extra": ""}):
-                waiting.append(requirement.name.lower().replace("_", "-"))
+            marker = requirement.marker
+            if marker is None or marker.evaluate({"extra": extra}):
+                required = canonicalize_name(requirement.name)
+                waiting += [(required, asked) for asked in (_NO_EXTRA, *requirement.extras)]
 
-    lines = [f"{name}=={version}" for name, version in sorted(versions.items())]
-    return "# The versions with which this archive was written.\n" + "\n".join(lines) + "\n"
+    return versions
+
+
+def _of_index(version: str) -> str:
+    """Returns a version as a package index has it: 2.13.0 of the local build 2.13.0+cpu."""
+    try:
+        public = Version(version).public
+    except InvalidVersion:
+        return version
+
+    if public == version:
+        return version
+    return f"{public}  # here {version}"

@@ -11,30 +11,37 @@ from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from pathlib import Path
 
+from jbench.archive.lock import lock
+
 _SAYS_NOTHING = {"root", "user", "admin", "localhost", "home", "tmp", "results", "main"}
 _SHORTEST = 3  # letters of a word that is looked for
 
 
 def may_name_something(part: str) -> bool:
     """Returns whether a part of a name is looked for: not a word of jbench's code, such as make."""
-    return len(part) > _SHORTEST and part.lower() not in _words_of_jbench()
+    return len(part) > _SHORTEST and part.lower() not in _words_of_every_archive()
 
 
 @cache
-def _words_of_jbench() -> frozenset[str]:
-    """Returns the words of jbench's code and page, in lower case, without those on the paper.
+def _words_of_every_archive() -> frozenset[str]:
+    """Returns words that an archive has whoever made it, in lower case.
 
-    An archive has them whoever made it.
+    They are those of jbench's code and page, without those on the paper, and of the names of the
+    packages that it needs.
     """
     package = Path(__file__).parents[1]
-    words = set[str]()
+    words = _words_in(lock())
     for path in package.rglob("*"):
         is_text = path.suffix in (".py", ".j2", ".js") and path.is_file()
         if is_text and not path.is_relative_to(package / "paper"):
-            text = path.read_text(encoding="utf-8")
-            words.update(map(str.lower, re.findall("[A-Za-z0-9]+", text)))
+            words |= _words_in(path.read_text(encoding="utf-8"))
 
     return frozenset(words)
+
+
+def _words_in(text: str) -> set[str]:
+    """Returns the words of a text, in lower case."""
+    return set(map(str.lower, re.findall("[A-Za-z0-9]+", text)))
 
 
 def found_in(words: Iterable[str], text: str) -> Iterator[str]:
@@ -60,11 +67,13 @@ def _folded(text: str) -> str:
 
 
 def words_of_this_machine(*places: Path) -> set[str]:
-    """Returns the words that name this machine, its user, its directories and its git remote."""
+    """Returns the words that name this machine, its user, its directories and its git remote.
+
+    A user, host or remote whose name is a word of jbench's code, such as max, is not looked for but
+    in the names of directories: every archive has that word.
+    """
     directories = {str(place.absolute()) for place in (Path.cwd(), *places)}
     words = directories | {
-        socket.gethostname(),
-        platform.node(),
         _quietly(getpass.getuser),
         os.environ.get("USER", ""),
         os.environ.get("LOGNAME", ""),
@@ -75,6 +84,9 @@ def words_of_this_machine(*places: Path) -> set[str]:
         _git("rev-parse", "--short=12", "HEAD"),
     }
 
+    for host in (socket.gethostname(), platform.node()):
+        words.update((host, host.partition(".")[0]))
+
     for address in _git("config", "--get-regexp", r"remote\..*\.url").splitlines():
         url = address.partition(" ")[2]
         words.add(url)
@@ -83,7 +95,7 @@ def words_of_this_machine(*places: Path) -> set[str]:
     return {
         word
         for word in map(str.strip, words)
-        if len(word) >= _SHORTEST and word.lower() not in {*_SAYS_NOTHING, "jbench"}
+        if len(word) >= _SHORTEST and word.lower() not in _SAYS_NOTHING | _words_of_every_archive()
     }
 
 

@@ -10,12 +10,14 @@ from typing import Any, NamedTuple
 
 import pyarrow.parquet as pq
 
+from jbench import __version__
 from jbench.archive.blind import Blinder, Form, Verbatim
 from jbench.archive.lock import lock
 from jbench.archive.words import found_in, words_of_this_machine
 from jbench.errors import RequestError, WorkError
 from jbench.report.report import write_report
 from jbench.report.request import Request
+from jbench.revision import git_revision
 from jbench.store import Record, Results, files
 from jbench.store.manifest import RecordKind
 from jbench.store.verify import verify
@@ -30,11 +32,12 @@ _EPOCH = (1980, 1, 1, 0, 0, 0)  # the time of every entry
 _README = """\
 A results directory of jbench, a report of it, and what repeats it.
 
-    pip install jbench=={version}
+Written by jbench {version}. Install it from a checkout (pip install .) or from its wheel.
+
+    pip install -r requirements.txt     the packages that it needs, in the same versions
     jbench verify --results results     every file against its checksum
     jbench report --results results     the report, made again; the original is report/index.html
     jbench sweep matrix.toml            trains these runs
-    requirements.txt                    the versions of all packages
 
 {runs} runs; failed or left out: {missing}.
 """
@@ -86,7 +89,7 @@ def write_archive(results: Results, out: Path, blind: bool = False) -> Archived:
 
         write_report(target, root / "report", Request(claims=_has_claims(records)))
         datasets = settings_of_datasets(results, form)
-        _write_texts(root, target, _lines(left_out, form), datasets)
+        _write_texts(root, target, _lines(left_out, form), datasets, _version(blind))
         content = _zipped(root)
 
     for entry, word in leaks(content, form.words):
@@ -161,8 +164,16 @@ def settings_of_datasets(results: Results, form: Form) -> dict[str, Any]:
     return {form.settings({"dataset": each.id})["dataset"]: each.settings for each in datasets}
 
 
+def _version(blind: bool) -> str:
+    """Returns the version of jbench and, unless it may name a user's branch, its git revision."""
+    revision = git_revision()
+    if blind or revision is None:
+        return __version__
+    return f"{__version__} (git revision {revision})"
+
+
 def _write_texts(
-    root: Path, target: Results, left_out: list[str], datasets: Mapping[str, Any]
+    root: Path, target: Results, left_out: list[str], datasets: Mapping[str, Any], version: str
 ) -> None:
     """Writes the README, the matrix that trains the runs again, and the versions of packages.
 
@@ -171,14 +182,13 @@ def _write_texts(
         target: its records.
         left_out: a line for each record that it does not have.
         datasets: settings of the datasets of its encoders, by id.
+        version: of jbench.
     """
-    from jbench import __version__
-
     runs = target.scan("run")[0]
     encoders = {record.id: record.settings for record in target.scan("encoder")[0]}
     failed = [f"run {run.id}: failed" for run in runs if run.status == "failed"]
     missing = "; ".join([*failed, *left_out]) or "none"
-    text = _README.format(version=__version__, runs=len(runs), missing=missing)
+    text = _README.format(version=version, runs=len(runs), missing=missing)
     texts = {
         "README.txt": text,
         "matrix.toml": matrix_text([run.settings for run in runs], encoders, datasets),

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from jbench.archive import blind, words
+from jbench.archive import blind, lock, words, write
 from jbench.archive.write import leaks, settings_of_datasets, write_archive
 from jbench.errors import WorkError
 from jbench.report import figures
@@ -127,7 +127,9 @@ def test_archive_verifies_and_reports_elsewhere(
     code, *_ = run_command("report", "--format", "svg", results=place / "results")
     assert code == 0
     assert (place / "report" / "index.html").stat().st_size > 10_000
-    assert "failed or left out: none" in (place / "README.txt").read_text()
+    readme = (place / "README.txt").read_text()
+    assert "failed or left out: none" in readme
+    assert ("git revision" in readme) == (not is_blind)
     assert re.search(r"^mujoco==3", (place / "requirements.txt").read_text(), re.M)
     assert {entry.date_time for entry in entries} == {(1980, 1, 1, 0, 0, 0)}
 
@@ -253,6 +255,49 @@ def test_tasks_of_gymnasium_keep_their_names():
     assert [id.removesuffix(id[id.index("td3") :]) for id in ids] == list(names.values())
 
 
+def test_user_and_host_that_are_words_of_every_archive_are_not_looked_for(
+    known_machine, monkeypatch
+):
+    """Max and data are words of jbench's code, and etils is a package in requirements.txt."""
+    monkeypatch.setenv("USER", "max")
+    monkeypatch.setenv("LOGNAME", "Etils")
+    monkeypatch.setenv("HOME", "/home/max")
+    monkeypatch.setattr(socket, "gethostname", lambda: "data")
+    found = words.words_of_this_machine()
+    assert not {"max", "Etils", "data"} & found
+    assert {"/home/max", NAMES["owner"]} <= found
+
+
+def test_host_is_looked_for_with_its_domain_and_without(known_machine, monkeypatch):
+    monkeypatch.setattr(socket, "gethostname", lambda: f"{NAMES['host']}.lab.org")
+    assert {NAMES["host"], f"{NAMES['host']}.lab.org"} <= words.words_of_this_machine()
+
+
+def test_lock_is_what_an_index_has_with_the_extras_that_are_asked_for(monkeypatch):
+    """The marker of an extra holds for those who ask for it, and spellings are one name."""
+    needed = {
+        "jbench": (
+            "0.1.0",
+            ["torch>=2", "Etils.Tools[epath]", "absent", 'extra_; extra == "onnx"'],
+        ),
+        "torch": ("2.13.0+cpu", ["etils_tools"]),
+        "etils-tools": ("1.15.0", ['zipp; extra == "epath"', 'jax; extra == "enp"']),
+        "zipp": ("4.1.2", []),
+        "jax": ("1.0", []),
+        "extra-": ("1.0", []),
+    }
+
+    def distribution(name):
+        if name not in needed:
+            raise lock.importlib.metadata.PackageNotFoundError(name)
+        version, requires = needed[name]
+        return SimpleNamespace(version=version, requires=requires)
+
+    monkeypatch.setattr(lock.importlib.metadata, "distribution", distribution)
+    _, *lines = lock.lock().splitlines()
+    assert lines == ["etils-tools==1.15.0", "torch==2.13.0  # here 2.13.0+cpu", "zipp==4.1.2"]
+
+
 def test_words_that_every_archive_has_are_not_looked_for():
     """A function may be called make, as in jbench's own code; its whole name is looked for."""
     run = record("run", "quiet.make/td3/full/s00-1", task="quiet:make", algo="td3")
@@ -277,7 +322,7 @@ def test_runs_of_different_code_are_different_runs(nested):
 @pytest.mark.slow
 def test_name_that_would_be_left_is_refused(results, tmp_path, known_machine, monkeypatch):
     """Such as a label that is the user's name: nothing is written."""
-    monkeypatch.setenv("USER", "evaluation")
+    monkeypatch.setattr(write, "words_of_this_machine", lambda *places: {"evaluation"})
     with pytest.raises(
         WorkError, match="The archive would have the word 'evaluation', which names"
     ):

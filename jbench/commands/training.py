@@ -139,7 +139,7 @@ def show_runs(runs: Sequence[RunSettings], results: Results) -> None:
                 more = added.get(run.id, ())
                 line = record.reading(partial(line_with_returns, record, more))
                 rows.append(_final_returns(line))
-                if record.is_finished:  # others can't be evaluated
+                if record.status != "failed":  # which can't be evaluated
                     count = record.reading(partial(last_evaluation_episodes, record, more))
                     evaluated.append(count)
         except WorkError as error:

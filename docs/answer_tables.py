@@ -193,8 +193,19 @@ class RobotAgents:
 
 OTHER_ROBOTS = (
     RobotAgents("gym:Hopper-v5", "11 numbers (`full`)", "full"),
+    RobotAgents("gym:Hopper-v5", "the same, standardized", "full, normalize=running"),
     RobotAgents("gym:Hopper-v5", "8 latents (`dae8`)", "dae8"),
+    RobotAgents("dmc:cheetah-run", "17 numbers (`full`)", "full"),
+    RobotAgents("dmc:cheetah-run", "12 latents (`dae12`)", "dae12"),
 )
+
+ON_EACH_ROBOT = (
+    RobotAgents(TASKS[0], "12 latents of 16 numbers", "dae12"),
+    RobotAgents(TASKS[1], "12 latents of 18 numbers", "dae12"),
+    RobotAgents("gym:Hopper-v5", "8 latents of 11 numbers", "dae8"),
+    RobotAgents("dmc:cheetah-run", "12 latents of 17 numbers", "dae12"),
+)
+"""What README says of the paper's question: TD3 on latents against `full`, robot by robot."""
 
 
 class ShippedNumbers:
@@ -207,6 +218,7 @@ class ShippedNumbers:
         self.seeds = _of_evaluations(frames.seeds)
         self.baselines = frames.baselines
         self.verdicts = frames.verdicts
+        self.decisions = _of_evaluations(frames.decisions)
 
     def returns(self, algo: str, task: str, name: str, column: str = "final") -> FloatArray:
         """Returns a number of each seed (seeds,): its `final` return, or that `over_run`."""
@@ -398,6 +410,22 @@ def robots_table(numbers: ShippedNumbers) -> str:
     return "\n".join(lines)
 
 
+def verdicts_table(numbers: ShippedNumbers) -> str:
+    """Returns the table of the sequential test's verdicts on latents against `full`, by robot."""
+    lines = ["| task | latents | seeds | difference | verdict |", "|---|---|---|---|---|"]
+    for row in ON_EACH_ROBOT:
+        rows = numbers.decisions
+        latents = (rows["algo"] == "TD3") & (rows["task"] == row.task) & (rows["name"] == row.name)
+        against_full = (rows["claim"] == "a") & (rows["against"] == "full")
+        (decision,) = rows[latents & against_full].to_dict("records")
+
+        ends = f"[{decision['low']:+,.0f}, {decision['high']:+,.0f}]"
+        interval = f"{decision['difference']:+,.0f} {ends}"
+        cells = [f"`{row.task}`", row.words, str(decision["seeds"]), interval, decision["verdict"]]
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
 def _p_in_words(p_value: float) -> str:
     """Returns such as `0.215`, or `< 0.001`."""
     return f"{p_value:.3f}" if p_value >= 0.001 else "< 0.001"
@@ -492,8 +520,10 @@ def pages(numbers: ShippedNumbers) -> dict[Path, str]:
     details_text = details.read_text("utf-8")
     details_text = with_table(details_text, "differences", differences_table(numbers))
     details_text = with_table(details_text, "variability", variability_table(numbers.verdicts))
+    readme_text = with_table(readme.read_text("utf-8"), "main", readme_table)
+    readme_text = with_table(readme_text, "verdicts", verdicts_table(numbers))
     return {
-        readme: with_table(readme.read_text("utf-8"), "main", readme_table),
+        readme: readme_text,
         answer: answer_text,
         details: details_text,
     }

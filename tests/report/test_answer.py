@@ -23,6 +23,7 @@ from jbench.report.data.untrained import (
 )
 from jbench.statistics.bootstrap import difference, estimate, interquartile_mean
 from jbench.store.shipped import shipped_results
+from jbench.tasks.find import find_task
 from jbench.wording import in_prose
 from tests.command_line import succeed
 from tests.documentation import ROOT
@@ -37,6 +38,7 @@ BASELINES = ("full", "scaled")
 SEEDS = {"td3": 10, "ddpg": 6}
 """Every configuration of the pages has as many."""
 HOPPER = "gym:Hopper-v5"
+CHEETAH = "dmc:cheetah-run"
 WHITENED = "dae12-observation-whitened"
 ALONE = ("dae12-whitened", "dae12-observation", WHITENED, "dae-yaw13")
 """Autoencoders that each agent has for itself."""
@@ -316,8 +318,8 @@ def test_verdicts_on_training_returns():
     assert not verdicts.duplicated(["task", "returns", *keys]).any()
     rows = verdicts.pivot(index=["task", *keys], columns="returns", values="verdict")
     rows = rows[rows["evaluation"] != rows["training"]].reset_index()
-    assert {*rows["task"]} == {TASKS[0], HOPPER}
-    rows = rows[rows["task"] != HOPPER]
+    rows = rows[~rows["task"].isin([HOPPER, CHEETAH])]
+    assert {*rows["task"]} == {TASKS[0]}
 
     of = {"a": "the final return", "b": "variability", "c": "learning speed"}
     agents = {"": "", "settings=figure8": ", `figure8"}
@@ -749,35 +751,77 @@ def median_and_range(values):
     return f"{np.median(values):.0f} ({min(values):.0f} to {max(values):.0f})"
 
 
-def test_hopper():
-    rows = chosen_from(shipped().seeds, task=HOPPER, returns="evaluation")
-    of = dict(iter(rows.groupby("representation")))
-    shown = table("docs/answer.md", "each agent, at the end")
-    (full, latents) = [row for row in shown if row[0] == HOPPER]
-    for row, name in ((full, "full"), (latents, "dae8")):
-        assert f"`{name}`" in f"`{row[1]}`"
-        assert len(of[name]) == 5
-        assert row[2] == f"{iqm(of[name]['over_run']):.0f}"
-        assert row[4] == f"{iqm(of[name]['final']):.0f}"
-        assert row[6] == ", ".join(f"{final:,.0f}" for final in of[name]["final"])
-    for text, column in ((latents[3], "over_run"), (latents[5], "final")):
-        pair = (of["dae8"][column].to_numpy(), of["full"][column].to_numpy())
-        assert_agrees(text.replace(",", "").replace(" ", ", ", 1), iqm, *pair)
+ON_OTHER_ROBOTS = (
+    (HOPPER, ("full", "full, normalize=running", "dae8")),
+    (CHEETAH, ("full", "dae12")),
+)
 
-    (found,) = chosen_from(shipped().decisions, study="robots", task=HOPPER).itertuples()
+
+def of_robot(task):
+    """Returns the rows of evaluation returns on a robot by representation and other settings."""
+    rows = chosen_from(shipped().seeds, task=task, returns="evaluation")
+    words = rows["words"].map(lambda words: f", {words}" if words else "")
+    return dict(iter(rows.groupby(rows["representation"] + words)))
+
+
+def decided_on(task, representation, words=""):
+    """Returns the sequential decision on a robot's final returns, and its interval in words."""
+    keys = {"study": "robots", "task": task, "returns": "evaluation", "words": words}
+    rows = chosen_from(shipped().decisions, representation=representation, **keys)
+    (found,) = rows.itertuples()
+    return found, f"{found.difference:+,.0f} [{found.low:+,.0f}, {found.high:+,.0f}]"
+
+
+@pytest.mark.parametrize(("task", "names"), ON_OTHER_ROBOTS)
+def test_table_of_other_robots(task, names):
+    of = of_robot(task)
+    assert {*of} == {*names}
+    rows = [row for row in table("docs/answer.md", "| at the end | difference |") if row[0] == task]
+    for row, name in zip(rows, names, strict=True):
+        assert ("standardized" in row[1]) == ("normalize" in name)
+        assert len(of[name]) == 5
+        assert row[2] == f"{iqm(of[name]['over_run']):,.0f}"
+        assert row[4] == f"{iqm(of[name]['final']):,.0f}"
+        assert row[6] == ", ".join(f"{final:,.0f}" for final in of[name]["final"])
+        if name == "full":
+            continue
+        for text, column in ((row[3], "over_run"), (row[5], "final")):
+            pair = (of[name][column].to_numpy(), of["full"][column].to_numpy())
+            assert_agrees(text.replace(",", "").replace(" ", ", ", 1), iqm, *pair)
+
+
+def test_hopper():
+    of = of_robot(HOPPER)
+    found, interval = decided_on(HOPPER, "dae8")
     assert (found.verdict, found.seeds) == ("lower", 5)
-    interval = f"{found.difference:+,.0f} [{found.low:+,.0f}, {found.high:+,.0f}]"
-    assert f"{interval} in the mean" in text_of("answer")
+    assert f"eleven numbers**: {interval}. Each" in text_of("answer")
     assert of["full"]["final"].min() > of["dae8"]["final"].max()
-    found = "Each agent with the full observation has a higher final return than each agent with"
-    assert found in text_of("answer")
+    sentence = "Each agent with the full observation has a higher final return than each agent with"
+    assert sentence in text_of("answer")
+
+    found, interval = decided_on(HOPPER, "full", "normalize=running")
+    assert found.verdict == "undecided"
+    assert f"standardized inputs help on Hopper is undecided**: {interval}." in text_of("answer")
 
     lengths = jbench.open("reference").query(
         "SELECT seed, avg(length) AS length FROM evaluations JOIN runs USING (run) "
         f"WHERE task = '{HOPPER}' AND representation = 'full' AND control_steps = steps "
-        "GROUP BY seed"
+        "AND runs.settings->>'$.hyperparameters.normalize' IS NULL GROUP BY seed"
     )["length"]
     assert f"last {lowest_to_highest(lengths)} control steps" in text_of("answer")
+
+
+def test_verdicts_by_robot():
+    shown = table("README.md", "| task | latents |")
+    assert len(shown) == 4
+    decisions = chosen_from(shipped().decisions, returns="evaluation", algo="TD3", claim="a")
+    for task, words, seeds, interval, verdict in shown:
+        latents, _, observed = words.partition(" latents of ")
+        rows = chosen_from(decisions, task=task, representation=f"dae{latents}", against="full")
+        (found,) = rows.itertuples()
+        assert (str(found.seeds), found.verdict) == (seeds, verdict)
+        assert interval == f"{found.difference:+,.0f} [{found.low:+,.0f}, {found.high:+,.0f}]"
+        assert observed == f"{find_task(task).observation_size} numbers"
 
 
 def test_published_figure_9():

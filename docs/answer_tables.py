@@ -201,7 +201,7 @@ OTHER_ROBOTS = (
 
 ON_EACH_ROBOT = (
     RobotAgents(TASKS[0], "12 latents of 16 numbers", "dae12"),
-    RobotAgents(TASKS[1], "12 latents of 18 numbers", "dae12"),
+    RobotAgents(TASKS[1], "12 latents of 19 numbers", "dae12"),
     RobotAgents("gym:Hopper-v5", "8 latents of 11 numbers", "dae8"),
     RobotAgents("dmc:cheetah-run", "12 latents of 17 numbers", "dae12"),
 )

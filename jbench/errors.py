@@ -33,8 +33,8 @@ class ElsewhereError(WorkError):
 
 
 ERRORS_OF_OTHERS = (Exception, SystemExit)
-"""What code of others may raise where it is called: `sys.exit` in an environment, an agent or a
-policy must fail their work in a sentence, not end jbench without a word."""
+"""What code of others may raise where it is called. Also `sys.exit` in an environment, an agent or
+a policy fails their work with a message, and does not end jbench."""
 
 
 def without_exit(error: Exception | SystemExit) -> Exception:

@@ -79,7 +79,7 @@ def test_commands_work_without_linux_only_modules(verb, without_linux):
 
 
 def names_an_encoding(call, arguments_before):
-    """Returns whether a call has an argument after so many, or one that is called encoding."""
+    """Returns whether a call has more positional arguments than these, or one called encoding."""
     is_named = any(keyword.arg == "encoding" for keyword in call.keywords)
     return is_named or len(call.args) > arguments_before
 

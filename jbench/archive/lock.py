@@ -17,7 +17,7 @@ def lock() -> str:
     """Returns the installed versions of all packages that jbench needs, for pip."""
     versions = _needed("jbench")
     versions.pop("jbench", None)
-    lines = [f"{name}=={_of_index(version)}\n" for name, version in sorted(versions.items())]
+    lines = [f"{name}=={_public(version)}\n" for name, version in sorted(versions.items())]
     return _HEAD + "".join(lines)
 
 
@@ -51,8 +51,8 @@ def _needed(package: str) -> dict[str, str]:
     return versions
 
 
-def _of_index(version: str) -> str:
-    """Returns a version as a package index has it: 2.13.0 of the local build 2.13.0+cpu."""
+def _public(version: str) -> str:
+    """Returns a version as a package index has it: 2.13.0 where 2.13.0+cpu is installed."""
     try:
         public = Version(version).public
     except InvalidVersion:

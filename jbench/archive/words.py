@@ -69,8 +69,8 @@ def _folded(text: str) -> str:
 def words_of_this_machine(*places: Path) -> set[str]:
     """Returns the words that name this machine, its user, its directories and its git remote.
 
-    A user, host or remote whose name is a word of jbench's code, such as max, is not looked for but
-    in the names of directories: every archive has that word.
+    The name of a user, host or remote that is also a word of jbench's code, such as max, is only
+    looked for in the names of directories, since every archive has that word.
     """
     directories = {str(place.absolute()) for place in (Path.cwd(), *places)}
     words = directories | {

@@ -15,7 +15,7 @@ from jbench.settings.algorithms import ALGORITHMS, SETTINGS
 from jbench.wording import counted, progress_text, with_results
 
 if TYPE_CHECKING:
-    from jbench.settings.records import DatasetSettings
+    pass
 
 _Entry = dict[str, Any]
 
@@ -170,7 +170,7 @@ def datasets(results: Path = options.READ_RESULTS, json: bool = options.JSON) ->
             "dataset": record.id,
             "status": record.status,
             "steps": progress_text(steps, dataset.settings.steps),
-            "robot": _robot(dataset.settings),
+            "robot": dataset.settings.robot_in_words,
             "MB": f"{record.size / 1e6:.1f}",
             "last written (UTC)": record.manifest.updated[:16].replace("T", " "),
         }
@@ -186,15 +186,6 @@ def datasets(results: Path = options.READ_RESULTS, json: bool = options.JSON) ->
 
     output.document({"datasets": entries, "problems": problems})
     output.warn_of_damage(problems)
-
-
-def _robot(settings: "DatasetSettings") -> str:
-    """Returns the robot of a dataset: an option that chooses it, its name, or `plain`."""
-    if settings.augment is not None:
-        return f"--augment {settings.augment}"
-    if settings.specs:
-        return settings.robot
-    return "plain"
 
 
 def _list(

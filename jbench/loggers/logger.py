@@ -222,7 +222,7 @@ def copying_rows(
         except ERRORS_OF_OTHERS as error:
             reason = str(error) or type(error).__name__
             warn(f"Logging has stopped ({reason}); the training is not affected.")
-            # Trackers show a log that is not ended as that of a run which goes on.
+            # An experiment tracker shows a run as running until its log is ended.
             for run in runs:
                 with contextlib.suppress(Exception):
                     logger.end(run)

@@ -21,7 +21,7 @@ from jbench.names import TASKS
 from jbench.policies.actors import UnsupportedPolicyError, float32_array, module_layers
 from jbench.policies.layers import Float, Linear, SavedLayer, Tanh
 from jbench.policies.network import SavedNetwork
-from jbench.policies.unit_actions import Bounds, to_unit_actions
+from jbench.policies.unit_actions import ActionBounds, to_unit_actions
 from jbench.tasks.find import find_task
 from jbench.wording import counted
 
@@ -114,7 +114,7 @@ def read_sb3_zip(path: str, task: str) -> SavedNetwork:
     )
 
 
-def _action_bounds(data: dict[str, Any]) -> Bounds | None:
+def _action_bounds(data: dict[str, Any]) -> ActionBounds | None:
     """Returns the bounds of a model's actions, if its file has them in digits.
 
     They are recorded as the text [-2. -0.4], in which more than 1000 numbers are abbreviated.

@@ -13,7 +13,7 @@ from jbench.errors import RequestError
 from jbench.policies.layers import Divide, SavedLayer, Shift
 from jbench.tasks.task import Task
 
-Bounds = NDArray[np.float64]
+ActionBounds = NDArray[np.float64]
 """The minimum and the maximum of each action, (2, action_size)."""
 
 
@@ -35,7 +35,7 @@ def check_unit_actions(model: Any) -> None:
 
 
 def to_unit_actions(
-    path: str, bounds: Bounds | None, is_scaled: bool, task: Task
+    path: str, bounds: ActionBounds | None, is_scaled: bool, task: Task
 ) -> list[SavedLayer]:
     """Returns the layers after which 1 is the task's largest action, which may be none.
 
@@ -83,11 +83,11 @@ def to_unit_actions(
     ]
 
 
-def _are_equal(bounds: Bounds, others: Bounds) -> bool:
+def _are_equal(bounds: ActionBounds, others: ActionBounds) -> bool:
     """Returns whether bounds of actions are equal, up to the digits in which a file has them."""
     return bounds.shape == others.shape and np.allclose(bounds, others, rtol=1e-6)
 
 
-def _in_words(bounds: Bounds) -> str:
+def _in_words(bounds: ActionBounds) -> str:
     """Returns bounds as [-2, 2], each once."""
     return " and ".join(dict.fromkeys(f"[{low:g}, {high:g}]" for low, high in bounds.T))

@@ -119,6 +119,13 @@ class DatasetSettings(RecordSettings):
         return episode_steps(self.specs)
 
     @property
+    def robot_in_words(self) -> str:
+        """The option or the name that chooses the robot; `plain` for the plain Jitterbug."""
+        if self.augment is not None:
+            return f"--augment {self.augment}"
+        return "plain" if self.specs is None else self.robot
+
+    @property
     def id(self) -> str:
         """The dataset's id, such as random/s00-1f9a2c4e or dmc.cheetah-run/random/s00-59ba1e20."""
         robot = "" if self.specs is None else f"{in_id(self.robot)}/"

@@ -26,7 +26,7 @@ def p_value(ours: Strata, theirs: Strata) -> float:
     The statistic is that of the sequential test. With two times six seeds, the interquartile mean
     would tell fewer relabelings apart. On several tasks, the differences are averaged. On one task,
     all relabelings are used if there are at most `RELABELINGS_OF_TEN_SEEDS`; else a fixed random
-    sample of so many, and the observed division.
+    sample of this size, and the observed division.
 
     Args:
         ours, theirs: scores (seeds,) by task. Seeds are exchanged within a task only.

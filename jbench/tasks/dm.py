@@ -127,6 +127,11 @@ class DmTask(EnvironmentTask):
         self.limit_advice = advice
         return measured_limit(environment, self._bounds, advice)
 
+    @property
+    def action_bounds(self) -> NDArray[np.float64]:
+        """See `Task.action_bounds`."""
+        return np.array([self._bounds.minimum, self._bounds.maximum])
+
     def environment(self, seed: int, *, draws: bool = False) -> Any:
         """See `EnvironmentTask.environment`."""
         make = self._draw if draws else self._make

@@ -161,9 +161,7 @@ class Task(ABC):
     @property
     def action_bounds(self) -> NDArray[np.float64]:
         """What the actions -1 and 1 are for each actuator, (2, action_size)."""
-        if self.specs is None:
-            return np.array([[-1.0], [1.0]]).repeat(self.action_size, axis=1)
-        return np.array([self.specs.action_minimum, self.specs.action_maximum])
+        return np.array([[-1.0], [1.0]]).repeat(self.action_size, axis=1)
 
     @abstractmethod
     def worlds(

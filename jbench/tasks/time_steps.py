@@ -103,5 +103,5 @@ class TimeStepReader:
 def _differing(elapsed: int, limit: int) -> str:
     """Returns how an episode differs from the one by which the time limit was measured."""
     if elapsed == limit:
-        return "its episode goes on, though another one is truncated here"
-    return f"its episode is truncated, though another one is truncated at control step {limit:,}"
+        return "its episode continues, although another one was truncated at this control step"
+    return f"its episode is truncated, although another one was truncated at control step {limit:,}"

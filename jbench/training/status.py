@@ -61,10 +61,7 @@ def will_fail_again(record: Record, device: str = "auto") -> bool:
     if record.status != "failed" or made_on.get(EPISODES_REPEAT) is False:
         return False
 
-    by_numbers = "diverged" in summary
-    if "episode_failed" in summary:
-        by_numbers = fails_by_numbers(summary)
-    if not by_numbers:
+    if "diverged" not in summary and not fails_by_numbers(summary):
         return False
 
     engine = ENGINES.get(str(record.settings.get("engine")))

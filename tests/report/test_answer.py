@@ -758,7 +758,7 @@ ON_OTHER_ROBOTS = (
 )
 
 
-def of_robot(task):
+def seeds_on_robot(task):
     """Returns the rows of evaluation returns on a robot by representation and other settings."""
     rows = chosen_from(shipped().seeds, task=task, returns="evaluation")
     words = rows["words"].map(lambda words: f", {words}" if words else "")
@@ -775,7 +775,7 @@ def decided_on(task, representation, words=""):
 
 @pytest.mark.parametrize(("task", "names"), ON_OTHER_ROBOTS)
 def test_table_of_other_robots(task, names):
-    of = of_robot(task)
+    of = seeds_on_robot(task)
     assert {*of} == {*names}
     rows = [row for row in table("docs/answer.md", "| at the end | difference |") if row[0] == task]
     for row, name in zip(rows, names, strict=True):
@@ -792,7 +792,7 @@ def test_table_of_other_robots(task, names):
 
 
 def test_hopper():
-    of = of_robot(HOPPER)
+    of = seeds_on_robot(HOPPER)
     found, interval = decided_on(HOPPER, "dae8")
     assert (found.verdict, found.seeds) == ("lower", 5)
     assert f"eleven numbers**: {interval}. Each" in text_of("answer")
@@ -813,7 +813,7 @@ def test_hopper():
 
 
 def test_cheetah():
-    of = of_robot(CHEETAH)
+    of = seeds_on_robot(CHEETAH)
     found, interval = decided_on(CHEETAH, "dae12")
     assert (found.verdict, found.seeds) == ("undecided", 5)
     text = text_of("answer")

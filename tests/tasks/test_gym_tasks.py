@@ -31,15 +31,19 @@ ENDLESS = f"gym:{MISTAKEN}:lab/Endless-v0"
         (f"{LAB}:counts", "its observation gear is Discrete, and jbench takes real numbers"),
         (
             f"{MISTAKEN}:GoesOn",
-            "at control step 8 of .*, its episode goes on, though another one is truncated here, "
-            "and its time limit is not known: wrap it in gymnasium.wrappers.TimeLimit.$",
+            "at control step 8 of .*, its episode continues, although another one was truncated at "
+            "this control step, and its time limit is not known: wrap it in "
+            "gymnasium.wrappers.TimeLimit.$",
         ),
         (
             f"{MISTAKEN}:StopsEarly",
-            "at control step 8 of .*, its episode is truncated, though another one is truncated at "
-            "control step 12, and its time limit is not known: wrap it in",
+            "at control step 8 of .*, its episode is truncated, although another one was truncated "
+            "at control step 12, and its time limit is not known: wrap it in",
         ),
-        (f"{MISTAKEN}:SeldomStopsEarly", "at control step 8 of .*, its episode is truncated, tho"),
+        (
+            f"{MISTAKEN}:SeldomStopsEarly",
+            "at control step 8 of .*, its episode is truncated, altho",
+        ),
         (f"{MISTAKEN}:swaps_sizes", "step 3 of .*, its observation a has 1 value instead of 2.$"),
         (
             f"{MISTAKEN}:quits",

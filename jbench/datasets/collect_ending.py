@@ -6,9 +6,13 @@ from collections.abc import Callable
 import numpy as np
 import pyarrow as pa
 
-from jbench.datasets import ending
-from jbench.datasets.ending import Episode
-from jbench.datasets.observations import EPISODES, SEEDS, STEPS, observations_schema
+from jbench.datasets.observations import (
+    EPISODE_COLUMNS,
+    EPISODE_TABLE,
+    STEP_TABLE,
+    observations_schema,
+)
+from jbench.datasets.rows import Episode, ending_table
 from jbench.settings.records import DatasetSettings
 from jbench.store import Record
 from jbench.tasks.find import check_specs, find_task
@@ -31,8 +35,8 @@ def collect_ending(
     task = find_task(settings.robot)
     with contextlib.closing(task.worlds(1)) as worlds:
         # An episode has one row more than control steps.
-        while (done := record.rows(STEPS) - record.rows(EPISODES)) < settings.steps:
-            first = record.rows(EPISODES)
+        while (done := record.rows(STEP_TABLE) - record.rows(EPISODE_TABLE)) < settings.steps:
+            first = record.rows(EPISODE_TABLE)
             part, failure = _part(settings, worlds, first, done, progress)
             if part:
                 record.append(_tables(task, first, part))
@@ -93,6 +97,6 @@ def _tables(task: Task, first: int, part: list[Episode]) -> dict[str, pa.Table]:
     numbers = list(range(first, first + len(part)))
     columns = {"episode": numbers, "seed": [episode.seed for episode in part]}
     return {
-        STEPS: ending.table(first, part, observations_schema(task)),
-        EPISODES: pa.table(columns, schema=SEEDS),
+        STEP_TABLE: ending_table(first, part, observations_schema(task)),
+        EPISODE_TABLE: pa.table(columns, schema=EPISODE_COLUMNS),
     }

@@ -5,7 +5,7 @@ import importlib.util
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,7 +14,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from jbench.datasets.ending import EndingBlock
+from jbench.datasets.block import Block
 from jbench.datasets.reader import Dataset
 from jbench.errors import RequestError, WorkError
 from jbench.registration import environment_id, register_task
@@ -128,31 +128,14 @@ def _write(dataset: Dataset, task: str, id: str, to: Path, progress: Callable[[i
             "requirements": ["jbench"],
         }
     )
-    for episodes, block in zip(dataset.parts, _ending_blocks(dataset, task), strict=True):
+    for episodes, block in zip(dataset.parts, dataset.blocks(task), strict=True):
         storage.update_episodes(
             EpisodeBuffer(id=number, **_arrays(block, row)) for row, number in enumerate(episodes)
         )
         progress(episodes.stop)
 
 
-def _ending_blocks(dataset: Dataset, task: str) -> Iterator[EndingBlock]:
-    """Yields the episodes of a dataset with their ends, file by file."""
-    if find_task(task).ends_early:
-        yield from dataset.ending_blocks(task)
-        return
-    # Episodes are truncated at the time limit and never terminate.
-    for block in dataset.blocks(task):
-        count, length = block.rewards.shape
-        yield EndingBlock(
-            observations=block.observations,
-            actions=block.action_vectors,
-            rewards=block.rewards,
-            lengths=np.full(count, length),
-            terminated=np.zeros(count, bool),
-        )
-
-
-def _arrays(block: EndingBlock, row: int) -> dict[str, NDArray[Any]]:
+def _arrays(block: Block, row: int) -> dict[str, NDArray[Any]]:
     """Returns the arrays of an episode up to its end, by the names of Minari's fields.
 
     Args:
@@ -169,7 +152,7 @@ def _arrays(block: EndingBlock, row: int) -> dict[str, NDArray[Any]]:
 
     return {
         "observations": block.observations[row, : length + 1],
-        "actions": block.actions[row, :length],
+        "actions": block.action_vectors[row, :length],
         "rewards": block.rewards[row, :length],
         "terminations": terminations,
         "truncations": truncations,

@@ -50,7 +50,7 @@ Simulate = Callable[[range, SimulatedSteps], Part]
 def collect_fixed(
     settings: DatasetSettings,
     record: Record,
-    episodes: str,
+    episode_table: str,
     simulation: AbstractContextManager[Simulate],
     max_files: int,
     progress: Callable[[int], None],
@@ -60,7 +60,7 @@ def collect_fixed(
     Args:
         settings: of the dataset.
         record: to which the episodes are appended.
-        episodes: name of the table with a row for each episode.
+        episode_table: name of the table with a row for each episode.
         simulation: a context with a function that simulates episodes; no thread is in the function
             when it ends.
         max_files: files that are simulated at the same time.
@@ -71,7 +71,7 @@ def collect_fixed(
     """
     length = settings.episode_steps
     total = settings.steps // length
-    first = record.rows(episodes)
+    first = record.rows(episode_table)
     starts = range(first, total, PART_EPISODES)
     parts = [range(start, min(start + PART_EPISODES, total)) for start in starts]
     progress(first * length)
@@ -85,7 +85,7 @@ def collect_fixed(
                 if made.failure is not None:
                     raise made.failure
 
-            progress(record.rows(episodes) * length + ahead)
+            progress(record.rows(episode_table) * length + ahead)
 
 
 @contextmanager

@@ -11,10 +11,13 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from jbench.datasets import fixed
+from jbench.datasets.block import Block
 from jbench.datasets.fixed import Part, Simulate, SimulatedSteps, collect_fixed
-from jbench.datasets.layout import Block, DatasetLayout, Float, flaw, table
+from jbench.datasets.layout import DatasetLayout
+from jbench.datasets.rows import table
 from jbench.names import TASKS
 from jbench.settings.records import DatasetSettings
 from jbench.store import Record, schema
@@ -28,8 +31,8 @@ from jbench.tasks.task import episode_generator
 class JitterbugLayout(DatasetLayout):
     """States, from which each of the five tasks has its observations."""
 
-    steps = "steps"
-    episodes = "dataset_episodes"
+    step_table = "steps"
+    episode_table = "dataset_episodes"
     task = "face_direction"
     ends_early = False
 
@@ -43,25 +46,21 @@ class JitterbugLayout(DatasetLayout):
         """Collects with enough files at once to keep all threads busy while one is written."""
         max_files = 1 + math.ceil(threads / fixed.PART_EPISODES)
         simulation = _simulation(settings, threads)
-        collect_fixed(settings, record, self.episodes, simulation, max_files, progress)
+        collect_fixed(settings, record, self.episode_table, simulation, max_files, progress)
 
     def columns(self, task: str) -> tuple[pa.Schema, pa.Schema]:
         """Returns the columns of the states, and of the targets of all tasks."""
         return schema.STEPS, schema.DATASET_EPISODES
 
-    def flaw(
-        self, steps: pa.Table, episodes: pa.Table, part: range, episode_steps: int
-    ) -> str | None:
-        """See `layout.flaw`."""
-        return flaw(steps, episodes, part, episode_steps)
-
-    def block(self, task: str, steps: pa.Table, episodes: pa.Table, episode_steps: int) -> Block:
+    def block(
+        self, task: str, step_rows: pa.Table, episode_rows: pa.Table, episode_steps: int
+    ) -> Block:
         """Computes the observations and rewards of a task."""
-        state = read_state(steps, episode_steps)
-        target = read_target(task, episodes, episode_steps + 1)
-        return Block(
+        state = read_state(step_rows, episode_steps)
+        target = read_target(task, episode_rows, episode_steps + 1)
+        return Block.truncated(
             features.observation(task, state, target),
-            steps["action"].to_numpy().reshape(-1, episode_steps + 1)[:, :-1],
+            step_rows["action"].to_numpy().reshape(-1, episode_steps + 1)[:, :-1],
             rewards.reward(task, state, target)[:, 1:],
         )
 
@@ -101,15 +100,15 @@ def _simulation(settings: DatasetSettings, threads: int) -> Iterator[Simulate]:
         state = State(*(np.stack(part, axis=1) for part in zip(*states, strict=True)))
         return Part(
             {
-                JitterbugLayout.steps: steps_table(episodes.start, state, stacked),
-                JitterbugLayout.episodes: pa.Table.from_pylist(rows, schema.DATASET_EPISODES),
+                JitterbugLayout.step_table: steps_table(episodes.start, state, stacked),
+                JitterbugLayout.episode_table: pa.Table.from_pylist(rows, schema.DATASET_EPISODES),
             }
         )
 
     yield simulate_part
 
 
-def steps_table(first_episode: int, state: State, actions: Float) -> pa.Table:
+def steps_table(first_episode: int, state: State, actions: NDArray[np.float32]) -> pa.Table:
     """Returns the rows of episodes: states (episodes, steps + 1), actions (episodes, steps)."""
     parts = (
         np.reshape(getattr(state, part), (*state.motor_position.shape, len(names)))

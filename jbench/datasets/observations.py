@@ -3,16 +3,16 @@
 import numpy as np
 import pyarrow as pa
 
-from jbench.datasets.ending import ENDS
+from jbench.datasets.rows import ENDS
 from jbench.tasks.task import Task
 
-STEPS = "observations"
+STEP_TABLE = "observations"
 """Name of the table of observations, actions and rewards."""
 
-EPISODES = "seeds"
+EPISODE_TABLE = "seeds"
 """Name of the table with a row for each episode."""
 
-SEEDS = pa.schema([("episode", pa.int32()), ("seed", pa.int64())])
+EPISODE_COLUMNS = pa.schema([("episode", pa.int32()), ("seed", pa.int64())])
 """Columns of that table: the seed from which each episode begins."""
 
 

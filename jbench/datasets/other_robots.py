@@ -7,11 +7,17 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from jbench.datasets import ending
+from jbench.datasets import rows
+from jbench.datasets.block import Block
 from jbench.datasets.collect_ending import collect_ending
 from jbench.datasets.fixed import Part, Simulate, SimulatedSteps, collect_fixed
-from jbench.datasets.layout import Block, DatasetLayout, flaw, table
-from jbench.datasets.observations import EPISODES, SEEDS, STEPS, observations_schema
+from jbench.datasets.layout import DatasetLayout
+from jbench.datasets.observations import (
+    EPISODE_COLUMNS,
+    EPISODE_TABLE,
+    STEP_TABLE,
+    observations_schema,
+)
 from jbench.errors import RequestError
 from jbench.settings.records import DatasetSettings
 from jbench.store import Record, Results
@@ -24,8 +30,8 @@ from jbench.tasks.worlds import EpisodeError
 class OtherLayout(DatasetLayout):
     """Observations and rewards as the task of another robot has returned them."""
 
-    steps = STEPS
-    episodes = EPISODES
+    step_table = STEP_TABLE
+    episode_table = EPISODE_TABLE
 
     def __init__(self, task: str) -> None:
         """A dataset of another robot is of one task, which may not be installed here."""
@@ -69,34 +75,17 @@ class OtherLayout(DatasetLayout):
             return
 
         simulation = _simulation(settings)
-        collect_fixed(settings, record, self.episodes, simulation, 1, progress)
+        collect_fixed(settings, record, self.episode_table, simulation, 1, progress)
 
     def columns(self, task: str) -> tuple[pa.Schema, pa.Schema]:
         """Returns the columns of the observations, and of the seeds."""
-        return observations_schema(find_task(task)), SEEDS
+        return observations_schema(find_task(task)), EPISODE_COLUMNS
 
-    def flaw(
-        self, steps: pa.Table, episodes: pa.Table, part: range, episode_steps: int
-    ) -> str | None:
-        """See `layout.flaw` and `ending.flaw`."""
-        find_flaw = ending.flaw if self.ends_early else flaw
-        return find_flaw(steps, episodes, part, episode_steps)
-
-    def block(self, task: str, steps: pa.Table, episodes: pa.Table, episode_steps: int) -> Block:
+    def block(
+        self, task: str, step_rows: pa.Table, episode_rows: pa.Table, episode_steps: int
+    ) -> Block:
         """Splits the rows into observations, actions and rewards."""
-        size = find_task(task).observation_size
-        if self.ends_early:
-            made = ending.block(steps, size)
-            return Block(made.observations, made.actions, made.rewards)
-
-        values = np.stack([column.to_numpy() for column in steps.columns[2:]], axis=-1)
-        values = values.reshape(len(episodes), episode_steps + 1, -1)
-        observations, followed = np.split(values, [size], axis=-1)
-        return Block(
-            np.ascontiguousarray(observations),
-            np.ascontiguousarray(followed[:, :-1, :-1]),
-            np.ascontiguousarray(followed[:, :-1, -1]),
-        )
+        return rows.block(step_rows, find_task(task).observation_size)
 
     def minari_id(self, dataset: str, task: str) -> str:
         """Returns an id such as jbench/dmc-cheetah-run/random-s00-59ba1e20-v0."""
@@ -135,8 +124,10 @@ def _simulation(settings: DatasetSettings) -> Iterator[Simulate]:
         ended = len(episodes)
         columns = {"episode": list(episodes), "seed": seeds[:ended]}
         schema = observations_schema(task)
-        steps = table(episodes.start, observations[:ended], made[:ended], schema)
-        return Part({STEPS: steps, EPISODES: pa.table(columns, schema=SEEDS)}, failure)
+        steps = rows.table(episodes.start, observations[:ended], made[:ended], schema)
+        return Part(
+            {STEP_TABLE: steps, EPISODE_TABLE: pa.table(columns, schema=EPISODE_COLUMNS)}, failure
+        )
 
     with task.worlds(1) as worlds:
         yield simulate_part

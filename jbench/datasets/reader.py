@@ -6,13 +6,13 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 from numpy.typing import NDArray
 
-from jbench.datasets import ending
+from jbench.datasets.block import Block
 from jbench.datasets.by_robot import find_layout, recorded_layout, recorded_robot
 from jbench.datasets.failed import collecting_command, sentence_on_failed
-from jbench.datasets.layout import Block, DatasetLayout
+from jbench.datasets.layout import DatasetLayout
+from jbench.datasets.rows import flaw
 from jbench.errors import RequestError, WorkError
 from jbench.names import TASKS
 from jbench.settings.base import validated
@@ -28,8 +28,10 @@ from jbench.tasks.task import Task
 class Dataset:
     """A collected dataset of a robot: "jitterbug", or the task of another one.
 
-    `parts` are the episodes of each file; `blocks(task, parts=[i])` reads part i. Those of a
-    dataset without `has_one_length`, as some episodes ended early, are read by `ending_blocks`.
+    Attributes:
+        episodes: how many it has.
+        control_steps: of all episodes together.
+        parts: the numbers of the episodes of each file; `blocks(task, parts=[i])` reads part i.
     """
 
     def __init__(self, record: Record) -> None:
@@ -41,7 +43,7 @@ class Dataset:
         )
         self.robot = self.settings.robot
         self.layout = find_layout(self.robot)
-        counts = (entry.rows for entry in record.parts(self.layout.episodes))
+        counts = (entry.rows for entry in record.parts(self.layout.episode_table))
         bounds = [*itertools.accumulate(counts, initial=0)]
         self.episodes = bounds[-1]
         self.parts = tuple(range(*pair) for pair in itertools.pairwise(bounds))
@@ -57,41 +59,19 @@ class Dataset:
     def blocks(self, task: str, parts: Iterable[int] | None = None) -> Iterator[Block]:
         """Yields the dataset for a task, file by file (`parts`), with one file in memory at a time.
 
+        An episode that ended early is followed by zeros, see `Block`.
+
         Raises a RequestError if there is no such task, or the dataset is of another robot, and a
         WorkError if a file is damaged or has invalid columns or values.
         """
-        self._check_lengths()
-        for part, *files in self._files(task, parts):
-            yield self._block(task, part, *files)
-
-    def ending_blocks(
-        self, task: str, parts: Iterable[int] | None = None
-    ) -> Iterator[ending.EndingBlock]:
-        """Yields the dataset of a task whose episodes may end early, file by file; see `blocks`."""
-        size = find_task(task).observation_size
-        for part, *files in self._files(task, parts):
-            yield ending.block(self._checked_rows(task, part, *files)[0], size)
-
-    def _files(
-        self, task: str, parts: Iterable[int] | None
-    ) -> Iterator[tuple[range, FileEntry, FileEntry]]:
-        """Yields the episodes of each part, and its files."""
         self.check_task(task)
-        steps = self.record.parts(self.layout.steps)
-        episodes = self.record.parts(self.layout.episodes)
-        if len(steps) != len(episodes):
+        step_files = self.record.parts(self.layout.step_table)
+        episode_files = self.record.parts(self.layout.episode_table)
+        if len(step_files) != len(episode_files):
             raise WorkError(f"The manifest of the dataset {self.id} lacks files; collect it again.")
 
         for part in range(len(self.parts)) if parts is None else parts:
-            yield self.parts[part], steps[part], episodes[part]
-
-    def _check_lengths(self) -> None:
-        """Raises a RequestError if episodes ended early, so that a block can't have them."""
-        if not self.has_one_length:
-            raise RequestError(
-                f"Episodes of the dataset {self.id} ended early and have different lengths: read "
-                "it by Dataset.ending_blocks."
-            )
+            yield self._block(task, self.parts[part], step_files[part], episode_files[part])
 
     def observations(self, task: str) -> NDArray[np.float32]:
         """Returns a task's observations (episodes, n, dim(O)) before each of n actions.
@@ -99,7 +79,11 @@ class Dataset:
         Raises a RequestError if episodes have different lengths, and otherwise as `blocks`.
         """
         self.check_task(task)
-        self._check_lengths()
+        if not self.has_one_length:
+            raise RequestError(
+                f"Episodes of the dataset {self.id} ended early and have different lengths: read "
+                "it by Dataset.blocks."
+            )
 
         size = find_task(task).observation_size
         observations = np.empty((self.episodes, self.settings.episode_steps, size), np.float32)
@@ -117,25 +101,21 @@ class Dataset:
             )
         check_specs(task, self.settings.specs)
 
-    def _checked_rows(
-        self, task: str, part: range, steps: FileEntry, episodes: FileEntry
-    ) -> tuple[pa.Table, pa.Table]:
-        """Returns the rows of a part's steps and episodes; a WorkError if they are not valid."""
-        columns_of_steps, columns_of_episodes = self.layout.columns(task)
-        rows = self.record.read_part(steps, columns_of_steps)
-        of_episodes = self.record.read_part(episodes, columns_of_episodes)
-        flaw = self.layout.flaw(rows, of_episodes, part, self.settings.episode_steps)
-        if flaw is not None:
+    def _block(
+        self, task: str, episodes: range, step_file: FileEntry, episode_file: FileEntry
+    ) -> Block:
+        """Returns the episodes of one file; a WorkError if its rows are not valid."""
+        step_columns, episode_columns = self.layout.columns(task)
+        step_rows = self.record.read_part(step_file, step_columns)
+        episode_rows = self.record.read_part(episode_file, episode_columns)
+        episode_steps = self.settings.episode_steps
+        problem = flaw(step_rows, episode_rows, episodes, episode_steps)
+        if problem is not None:
             raise WorkError(
-                f"{steps.name} of the dataset {self.id} holds {flaw}; collect it again after "
-                f"deleting {self.record.path}."
+                f"{step_file.name} of the dataset {self.id} holds {problem}; collect it again "
+                f"after deleting {self.record.path}."
             )
-        return rows, of_episodes
-
-    def _block(self, task: str, part: range, steps: FileEntry, episodes: FileEntry) -> Block:
-        """Returns the episodes of one file, with the observations of a task."""
-        rows, of_episodes = self._checked_rows(task, part, steps, episodes)
-        return self.layout.block(task, rows, of_episodes, self.settings.episode_steps)
+        return self.layout.block(task, step_rows, episode_rows, episode_steps)
 
 
 def _small(task: Task) -> int:

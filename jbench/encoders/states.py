@@ -14,8 +14,7 @@ import torch
 from numpy.typing import NDArray
 
 from jbench.datasets import Dataset
-from jbench.datasets.ending import EndingBlock
-from jbench.datasets.layout import Block
+from jbench.datasets.block import Block
 from jbench.encoders.pairs import Followed, Shard
 from jbench.encoders.scaling import FloatArray, Moments, Scaling, physical_scaling
 from jbench.errors import RequestError
@@ -27,15 +26,12 @@ MAX_HORIZON = 1000
 
 _TEST_SHARE = 0.2  # of the episodes (paper, section 5.2: 20% of the data)
 
-AnyBlock = Block | EndingBlock
-"""Episodes of one length, or of different ones."""
-
 Scale = Literal["dataset", "observation", "sd"]
 """Scale of the features: extremes over the dataset to [-1, 1], as observed, or unit variance."""
 
 
 class Split(NamedTuple):
-    """Indices of the episodes of a dataset, each in one of two groups, in ascending order."""
+    """Numbers of the episodes of a dataset, each in one of two groups, in ascending order."""
 
     learned: NDArray[np.intp]  # 80%
     held_out: NDArray[np.intp]  # 20%
@@ -81,7 +77,7 @@ class States:
         self.size = find_task(task).observation_size
         self.columns = list(range(self.size))
         self.action_size = find_task(task).action_size
-        self._episodes = split_episodes(dataset.episodes, seed)._asdict()
+        self._numbers = split_episodes(dataset.episodes, seed)._asdict()  # of episodes, by side
         self._memory = memory
         # None for all features, since a reference to itself would be a cycle.
         self._chosen_from: States | None = None
@@ -149,13 +145,13 @@ class States:
 
     def _read_all(self) -> None:
         """Reads all files once: the extremes for the scaling, and the episodes that are kept."""
-        kept: dict[str, list[AnyBlock]] = {name: [] for name in self._episodes}
-        moments = dict.fromkeys(self._episodes, Moments.of(np.empty((0, self.size))))
+        kept: dict[str, list[Block]] = {name: [] for name in self._numbers}
+        moments = dict.fromkeys(self._numbers, Moments.of(np.empty((0, self.size))))
         extremes: list[Scaling] = []
-        for part, block in zip(self.dataset.parts, self._blocks(), strict=True):
+        for part, block in zip(self.dataset.parts, self.dataset.blocks(self.task), strict=True):
             extremes.append(Scaling.of(block.states))
-            for name, episodes in self._episodes.items():
-                chosen = _chosen(block, part, episodes)
+            for name, numbers in self._numbers.items():
+                chosen = block.only(np.isin(part, numbers))
                 moments[name] = moments[name].merged(Moments.of(chosen.states))
                 is_sampled = name == "held_out" and _count(kept[name]) < _SAMPLED
                 if self.in_memory or is_sampled:
@@ -195,9 +191,10 @@ class States:
 
         # A third of the memory: a shard is joined while the previous one is still in use.
         max_episodes = max(1, self._memory // (3 * self._episode_bytes))
-        gathered: list[AnyBlock] = []
-        for part, block in zip(parts, self._blocks(parts), strict=True):
-            chosen = _chosen(block, self.dataset.parts[part], self._episodes[name])
+        gathered: list[Block] = []
+        for part, block in zip(parts, self.dataset.blocks(self.task, parts), strict=True):
+            is_chosen = np.isin(self.dataset.parts[part], self._numbers[name])
+            chosen = block.only(is_chosen)
             if gathered and _count([*gathered, chosen]) > max_episodes:
                 yield self._shard(gathered)
                 gathered = []
@@ -207,41 +204,30 @@ class States:
         if gathered:
             yield self._shard(gathered)
 
-    def _blocks(self, parts: Iterable[int] | None = None) -> Iterator[AnyBlock]:
-        """Yields the episodes file by file."""
-        if self.dataset.has_one_length:
-            return self.dataset.blocks(self.task, parts)
-        return self.dataset.ending_blocks(self.task, parts)
-
-    def _shard(self, gathered: list[AnyBlock]) -> Shard:
+    def _shard(self, gathered: list[Block]) -> Shard:
         """Returns episodes as tensors on the device, their states scaled."""
-        parts = [_arrays(block) for block in gathered]
+        has_one_length = self.dataset.has_one_length
+        parts: list[tuple[NDArray[Any], ...]]
+        if has_one_length:
+            parts = [
+                (block.observations, block.action_vectors, block.rewards) for block in gathered
+            ]
+        else:
+            parts = [block.in_a_row() for block in gathered]
+
         scaled, *others = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
         gain, offset = self.scaling.gain_and_offset()
         scaled *= gain
         scaled += offset
         states = torch.from_numpy(scaled)
         actions, rewards, *followed = map(torch.from_numpy, others)
-        if self.dataset.has_one_length:
+        if has_one_length:
             return Shard(states, actions, rewards).to(self.device)
 
         in_a_row = Shard(states[None], actions[None], rewards[None], Followed(followed[0]))
         return in_a_row.to(self.device)
 
 
-def _arrays(block: AnyBlock) -> tuple[NDArray[Any], ...]:
-    """Returns observations, action vectors and rewards, also as `EndingBlock.in_a_row` does."""
-    if isinstance(block, EndingBlock):
-        return block.in_a_row()
-    return block.observations, block.action_vectors, block.rewards
-
-
-def _chosen(block: Any, part: range, episodes: NDArray[np.intp]) -> Any:
-    """Returns those of the episodes that are in a block, which has the numbers of `part`."""
-    mask = np.isin(part, episodes)
-    return type(block)(*(values[mask] for values in block))
-
-
-def _count(blocks: Iterable[AnyBlock]) -> int:
+def _count(blocks: Iterable[Block]) -> int:
     """Returns how many episodes blocks have."""
     return sum(len(block.rewards) for block in blocks)

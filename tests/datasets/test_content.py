@@ -72,7 +72,7 @@ def test_recorded_actions_reproduce_recorded_states(steps):
 
 @EVERY_TASK
 def test_observations_and_rewards_equal_environment(task, dataset, steps):
-    expected = [np.concatenate(parts) for parts in zip(*dataset.blocks(task), strict=True)]
+    expected = [np.concatenate(parts) for parts in zip(*dataset.blocks(task), strict=True)][:3]
     # The episode whose rewards vary most is compared to its end, of the others the first state.
     episode = np.argmax(np.ptp(expected[2][:, :COMPARED], axis=1))
     env = RobotEnv(task)

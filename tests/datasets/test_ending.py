@@ -5,10 +5,11 @@ import pyarrow as pa
 import pytest
 import torch
 
-from jbench.datasets import Dataset, collect, ending
+from jbench.datasets import Dataset, collect
 from jbench.datasets import collect_ending as collecting
 from jbench.datasets.export import export_minari
 from jbench.datasets.observations import observations_schema
+from jbench.datasets.rows import flaw
 from jbench.encoders.loop import EncoderLearner
 from jbench.encoders.pairs import state_pairs
 from jbench.encoders.registry import make_kind
@@ -38,7 +39,7 @@ def dataset(tmp_path_factory):
 
 
 def test_episodes_are_those_of_the_environment(dataset):
-    (block,) = dataset.ending_blocks(LEAVES)
+    (block,) = dataset.blocks(LEAVES)
     assert dataset.control_steps == block.lengths.sum() == STEPS
     assert not dataset.has_one_length
     assert make_row(dataset.record)["steps_done"] == STEPS
@@ -77,15 +78,21 @@ def test_a_dataset_does_not_depend_on_interruptions(dataset, tmp_path, monkeypat
         collect(settings, results, 1, stop)
     again = Dataset(collect(settings, results, threads=1))
     assert len(again.parts) > 2
-    (whole,) = dataset.ending_blocks(LEAVES)
-    parts = [block.in_a_row() for block in again.ending_blocks(LEAVES)]
+    (whole,) = dataset.blocks(LEAVES)
+    parts = [block.in_a_row() for block in again.blocks(LEAVES)]
     for column, one in enumerate(whole.in_a_row()):
         np.testing.assert_array_equal(one, np.concatenate([part[column] for part in parts]))
 
 
-def test_episodes_of_different_lengths_are_no_block(dataset):
+def test_episodes_of_different_lengths_are_followed_by_zeros(dataset):
+    (block,) = dataset.blocks(LEAVES)
+    assert len(set(block.lengths)) > 1
+    for i, length in enumerate(block.lengths):
+        assert not block.observations[i, length + 1 :].any()
+        assert not block.actions[i, length:].any()
+        assert not block.rewards[i, length:].any()
     with pytest.raises(RequestError, match="ended early and have different lengths"):
-        next(dataset.blocks(LEAVES))
+        dataset.observations(LEAVES)
 
 
 def test_rows_that_are_no_whole_episodes_are_found(dataset):
@@ -94,17 +101,17 @@ def test_rows_that_are_no_whole_episodes_are_found(dataset):
         for name in ("observations", "seeds")
     )
     episodes = range(dataset.episodes)
-    assert ending.flaw(steps, seeds, episodes, EPISODE) is None
-    without_first = ending.flaw(steps.slice(1), seeds, episodes, EPISODE)
+    assert flaw(steps, seeds, episodes, EPISODE) is None
+    without_first = flaw(steps.slice(1), seeds, episodes, EPISODE)
     assert without_first == "other rows than those of whole episodes in their order"
-    assert ending.flaw(steps[:0], seeds[:0], range(0), EPISODE) == "no rows"
+    assert flaw(steps[:0], seeds[:0], range(0), EPISODE) == "no rows"
     position = steps.column_names.index("terminated")
     ends = steps["terminated"].to_pylist()
     never = [None if end is None else False for end in ends]
     lost = steps.set_column(position, steps.schema.field(position), [never])
-    without_end = ending.flaw(lost, seeds, episodes, EPISODE)
+    without_end = flaw(lost, seeds, episodes, EPISODE)
     assert without_end == "an episode without its end, or an end within one"
-    assert ending.flaw(steps, seeds, episodes, EPISODE - 15) is not None
+    assert flaw(steps, seeds, episodes, EPISODE - 15) is not None
 
 
 def test_long_episodes_have_wide_numbers_of_steps():
@@ -118,7 +125,7 @@ def test_long_episodes_have_wide_numbers_of_steps():
 def test_pairs_of_states_are_within_an_episode(dataset):
     states = States(dataset, LEAVES, seed=0)
     states.read(torch.device("cpu"))
-    (block,) = dataset.ending_blocks(LEAVES)
+    (block,) = dataset.blocks(LEAVES)
     gain, offset = states.scaling.gain_and_offset()
     for ahead in (0, 1, 3):
         pairs = list(state_pairs([*states.learn(), *states.test()], ahead, with_actions=True))
@@ -167,7 +174,7 @@ def test_minari_has_terminations_and_truncations(dataset, tmp_path, monkeypatch)
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
     id, _ = export_minari(dataset, LEAVES, tmp_path)
     loaded = minari.load_dataset(id)
-    (block,) = dataset.ending_blocks(LEAVES)
+    (block,) = dataset.blocks(LEAVES)
     assert len(loaded) == dataset.episodes
     for episode, length, terminated in zip(
         loaded.iterate_episodes(), block.lengths, block.terminated, strict=True

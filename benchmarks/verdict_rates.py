@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from jbench.statistics import BoolArray
+from jbench.array_types import BoolArray
 from jbench.statistics import bootstrap as st
 from jbench.statistics.agents import Agents, deviation_difference
 from jbench.statistics.permutation import p_value

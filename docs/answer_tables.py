@@ -16,9 +16,9 @@ import pandas as pd
 from scipy.stats import permutation_test
 
 import jbench
+from jbench.array_types import FloatArray
 from jbench.report.frames import Frames
 from jbench.settings.defaults import nearest_base
-from jbench.statistics import FloatArray
 from jbench.statistics.bootstrap import difference, estimate, interquartile_mean
 from jbench.store.shipped import shipped_results
 from jbench.studies.quantities import VARIABILITY

@@ -7,6 +7,7 @@ finite are left out.
 import numpy as np
 from numpy.typing import NDArray
 
+from jbench.array_types import FloatArray
 from jbench.names import ReturnsName
 from jbench.task_specs import return_range
 
@@ -19,8 +20,6 @@ TRAINING: ReturnsName = "training"
 AVERAGED_EPISODES = 100
 """Maximum number of episodes in a final return: the paper's moving average (Figures 8 and 9)."""
 
-_Floats = NDArray[np.float64]
-
 
 def averaged_points(points: NDArray[np.int64], kind: ReturnsName) -> NDArray[np.int64]:
     """Returns the number of last points (runs,) that final returns average.
@@ -31,13 +30,13 @@ def averaged_points(points: NDArray[np.int64], kind: ReturnsName) -> NDArray[np.
     return np.clip(points // 4, 1, most)
 
 
-def final_return(points: _Floats, kind: ReturnsName = TRAINING) -> float | None:
+def final_return(points: FloatArray, kind: ReturnsName = TRAINING) -> float | None:
     """Returns the mean of the last points of a run (points,); None if none of them is finite."""
     last = int(averaged_points(np.array(len(points)), kind))
     return mean_over_run(points[-last:])
 
 
-def mean_over_run(points: _Floats) -> float | None:
+def mean_over_run(points: FloatArray) -> float | None:
     """Returns the mean of the points of a run (points,); None if none of them is finite."""
     finite = points[np.isfinite(points)]
     if not len(finite):
@@ -45,7 +44,7 @@ def mean_over_run(points: _Floats) -> float | None:
     return float(finite.mean())
 
 
-def diverged_return(training: _Floats, task: str) -> float | None:
+def diverged_return(training: FloatArray, task: str) -> float | None:
     """Returns what a run on a task that diverged counts with from then on: its final return.
 
     It is 0, the lowest return of most tasks, or the lowest of its training returns (episodes,) if
@@ -58,7 +57,7 @@ def diverged_return(training: _Floats, task: str) -> float | None:
     return float(np.min(finite, initial=0.0))
 
 
-def last_evaluation_return(evaluations: NDArray[np.int32], returns: _Floats) -> float | None:
+def last_evaluation_return(evaluations: NDArray[np.int32], returns: FloatArray) -> float | None:
     """Returns the mean return of the last evaluation; None if none of its returns is finite.
 
     It is the final return of a run's evaluations. Both arguments are of the evaluation episodes
@@ -68,7 +67,7 @@ def last_evaluation_return(evaluations: NDArray[np.int32], returns: _Floats) -> 
     return mean_over_run(returns[evaluations == last])
 
 
-def evaluation_means(evaluations: NDArray[np.int32], returns: _Floats) -> _Floats:
+def evaluation_means(evaluations: NDArray[np.int32], returns: FloatArray) -> FloatArray:
     """Returns the mean return (evaluations,) of each evaluation in order; NaN if none is finite.
 
     Both arguments are of the evaluation episodes (episodes,).

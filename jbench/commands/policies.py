@@ -16,7 +16,7 @@ from jbench.settings.records import EvaluationSettings
 from jbench.wording import counted
 
 if TYPE_CHECKING:
-    from jbench.statistics import FloatArray
+    from jbench.array_types import FloatArray
     from jbench.store import Results
 
 _POSE_SEED = options.whole_number(

@@ -3,7 +3,8 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+
+from jbench.array_types import BoolArray, Float32Array, IntArray
 
 
 class Block(NamedTuple):
@@ -18,18 +19,18 @@ class Block(NamedTuple):
         terminated: (episodes,) whether an episode terminated; otherwise it was truncated.
     """
 
-    observations: NDArray[np.float32]
-    actions: NDArray[np.float32]
-    rewards: NDArray[np.float32]
-    lengths: NDArray[np.int64]
-    terminated: NDArray[np.bool_]
+    observations: Float32Array
+    actions: Float32Array
+    rewards: Float32Array
+    lengths: IntArray
+    terminated: BoolArray
 
     @classmethod
     def truncated(
         cls,
-        observations: NDArray[np.float32],
-        actions: NDArray[np.float32],
-        rewards: NDArray[np.float32],
+        observations: Float32Array,
+        actions: Float32Array,
+        rewards: Float32Array,
     ) -> "Block":
         """Returns episodes that were all truncated at the time limit, after n control steps."""
         count, length = rewards.shape
@@ -41,7 +42,7 @@ class Block(NamedTuple):
             terminated=np.zeros(count, bool),
         )
 
-    def only(self, chosen: NDArray[np.bool_]) -> "Block":
+    def only(self, chosen: BoolArray) -> "Block":
         """Returns some of the episodes, by a mask (episodes,)."""
         return Block(
             observations=self.observations[chosen],
@@ -52,24 +53,24 @@ class Block(NamedTuple):
         )
 
     @property
-    def action_vectors(self) -> NDArray[np.float32]:
+    def action_vectors(self) -> Float32Array:
         """The actions of any robot, (episodes, n, action_size)."""
         return self.actions if self.actions.ndim == 3 else self.actions[..., None]
 
     @property
-    def states(self) -> NDArray[np.float32]:
+    def states(self) -> Float32Array:
         """The observations (rows, dim(O)) of all episodes, one after another."""
         return self.observations[self._is_state]
 
     @property
-    def followed(self) -> NDArray[np.int64]:
+    def followed(self) -> IntArray:
         """The number of observations that follow each of `states` in its episode, (rows,)."""
         steps = np.arange(self.observations.shape[1])
         return (self.lengths[:, None] - steps)[self._is_state]
 
     def in_a_row(
         self,
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
+    ) -> tuple[Float32Array, Float32Array, Float32Array, IntArray]:
         """Returns `states`, the action vector and reward of each, and `followed`, all (rows, ...).
 
         Action and reward are 0 in the last state of an episode.
@@ -81,7 +82,7 @@ class Block(NamedTuple):
         return self.states, actions, rewards, self.followed
 
     @property
-    def _is_state(self) -> NDArray[np.bool_]:
+    def _is_state(self) -> BoolArray:
         """Which steps of the observations are states of an episode, (episodes, n + 1)."""
         steps = np.arange(self.observations.shape[1])
         return np.asarray(steps <= self.lengths[:, None])

@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from jbench.array_types import Float32Array
 from jbench.datasets.block import Block
 
 ENDS = ("terminated", "truncated")
@@ -22,16 +22,16 @@ class Episode(NamedTuple):
     """An episode of n control steps."""
 
     seed: int
-    observations: NDArray[np.float32]  # (n + 1, dim(O))
-    actions: NDArray[np.float32]  # (n, action_size)
-    rewards: NDArray[np.float32]  # (n,)
+    observations: Float32Array  # (n + 1, dim(O))
+    actions: Float32Array  # (n, action_size)
+    rewards: Float32Array  # (n,)
     is_terminated: bool  # otherwise it is truncated
 
 
 def table(
     first_episode: int,
-    states: NDArray[np.float32],
-    made: NDArray[np.float32],
+    states: Float32Array,
+    made: Float32Array,
     columns: pa.Schema,
 ) -> pa.Table:
     """Returns the rows of episodes of one length, of which the first has this number.

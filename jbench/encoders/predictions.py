@@ -16,12 +16,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from jbench.array_types import FloatArray
 from jbench.encoders.adam import FusedAdam
 from jbench.encoders.kind import Kind
 from jbench.encoders.kinds.planar import SIGNS, PlanarReduction
 from jbench.encoders.networks import Weights
 from jbench.encoders.pairs import Shard
-from jbench.encoders.scaling import FloatArray, Moments
+from jbench.encoders.scaling import Moments
 from jbench.encoders.states import States
 from jbench.tasks.find import find_task
 

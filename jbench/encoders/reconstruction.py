@@ -13,10 +13,11 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from jbench.array_types import FloatArray
 from jbench.encoders.kind import Fitted, Kind
 from jbench.encoders.kinds.linear import PrincipalComponents, RandomProjection
 from jbench.encoders.pairs import Shard, state_pairs
-from jbench.encoders.scaling import FloatArray, Moments
+from jbench.encoders.scaling import Moments
 from jbench.encoders.states import States
 from jbench.tasks.find import find_task
 from jbench.tasks.task import episode_generator, rollout

@@ -11,9 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from jbench.array_types import FloatArray
 from jbench.tasks.find import find_task
-
-FloatArray = NDArray[np.float64]
 
 _SD = 1 / 3  # of whitened latents: most values are in [-1, 1], as those of scaled features
 _MIN_VARIANCE = 1e-10  # relative to the largest; directions of smaller variance become 0

@@ -13,10 +13,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from jbench.array_types import FloatArray
 from jbench.datasets import Dataset
 from jbench.datasets.block import Block
 from jbench.encoders.pairs import Followed, Shard
-from jbench.encoders.scaling import FloatArray, Moments, Scaling, physical_scaling
+from jbench.encoders.scaling import Moments, Scaling, physical_scaling
 from jbench.errors import RequestError
 from jbench.tasks.find import find_task
 

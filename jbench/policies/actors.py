@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from jbench import plugins
+from jbench.array_types import Float32Array
 from jbench.errors import ERRORS_OF_OTHERS, RequestError
 from jbench.policies.answers import read_actions
 from jbench.policies.layers import (
     Clip,
     Elu,
-    Float,
     LayerNorm,
     LeakyRelu,
     Linear,
@@ -217,7 +217,7 @@ def _value(layers: list[SavedLayer]) -> _Value:
     return value
 
 
-def float32_array(value: Any) -> Float:
+def float32_array(value: Any) -> Float32Array:
     """Returns a copy of a tensor or a number as float32."""
     if isinstance(value, Tensor):
         value = value.detach().to("cpu", torch.float32).numpy()

@@ -6,11 +6,9 @@ from dataclasses import dataclass, fields
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jbench.array_types import Float32Array
 from jbench.arrays import Array, namespace
-
-Float = NDArray[np.float32]
 
 MAX_INPUT = 10.0
 """Bound of the absolute value of an observation that learned features standardize."""
@@ -35,7 +33,7 @@ class SavedLayer(ABC):
         """
 
     @property
-    def arrays(self) -> dict[str, Float]:
+    def arrays(self) -> dict[str, Float32Array]:
         """The fields that are arrays, by name."""
         return {name: value for name, value in self._values() if isinstance(value, np.ndarray)}
 
@@ -61,7 +59,7 @@ class _Function(SavedLayer):
         return self.apply(results[-1])
 
 
-def _constant(values: Float, x: Array) -> Array:
+def _constant(values: Float32Array, x: Array) -> Array:
     """Returns an array of a layer in the library of the array that the layer is applied to."""
     return namespace(x).asarray(values)
 
@@ -76,8 +74,8 @@ class Linear(_Function):
     """Multiplies by a weight matrix (units, size) and adds a bias (units,)."""
 
     kind = "linear"
-    weight: Float
-    bias: Float
+    weight: Float32Array
+    bias: Float32Array
 
     def apply(self, x: Array) -> Array:
         return x @ _constant(self.weight, x).T + _constant(self.bias, x)
@@ -88,8 +86,8 @@ class LayerNorm(_Function):
     """Normalizes over the last axis, multiplies by a weight and adds a bias, each (size,)."""
 
     kind = "layer_norm"
-    weight: Float
-    bias: Float
+    weight: Float32Array
+    bias: Float32Array
     epsilon: float
 
     def apply(self, x: Array) -> Array:
@@ -104,7 +102,7 @@ class Scale(_Function):
     """Multiplies by a factor, (size,) or (1,)."""
 
     kind = "scale"
-    factor: Float
+    factor: Float32Array
 
     def apply(self, x: Array) -> Array:
         return x * _constant(self.factor, x)
@@ -115,7 +113,7 @@ class Shift(_Function):
     """Adds an offset, (size,) or (1,)."""
 
     kind = "shift"
-    offset: Float
+    offset: Float32Array
 
     def apply(self, x: Array) -> Array:
         return x + _constant(self.offset, x)
@@ -126,7 +124,7 @@ class Divide(_Function):
     """Divides by a divisor (size,)."""
 
     kind = "divide"
-    divisor: Float
+    divisor: Float32Array
 
     def apply(self, x: Array) -> Array:
         return x / _constant(self.divisor, x)
@@ -266,7 +264,9 @@ def relu_layers(linear: Sequence[SavedLayer], squash: str) -> list[SavedLayer]:
     return [*layers[:-1], last[squash]]
 
 
-def standardizing_layers(mean: Float, deviation: Float, bound: float) -> list[SavedLayer]:
+def standardizing_layers(
+    mean: Float32Array, deviation: Float32Array, bound: float
+) -> list[SavedLayer]:
     """Returns layers that standardize observations (size,) and clip them to [-bound, bound]."""
     return [
         Shift(offset=-mean),
@@ -276,7 +276,7 @@ def standardizing_layers(mean: Float, deviation: Float, bound: float) -> list[Sa
 
 
 def feature_layers(
-    mean: Float, deviation: Float, linear: Sequence[Linear], appended: bool
+    mean: Float32Array, deviation: Float32Array, linear: Sequence[Linear], appended: bool
 ) -> list[SavedLayer]:
     """Returns densely connected layers of SiLU units on observations (size,) that are standardized.
 

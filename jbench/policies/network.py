@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import safetensors.numpy
 
+from jbench.array_types import Float32Array
 from jbench.arrays import Array, namespace
 from jbench.names import POLICY_FILES
-from jbench.policies.layers import LAYERS, Float, Linear, SavedLayer, feature_layers, relu_layers
+from jbench.policies.layers import LAYERS, Linear, SavedLayer, feature_layers, relu_layers
 
 WEIGHTS, DESCRIPTION = POLICY_FILES
 
@@ -76,7 +77,9 @@ class SavedNetwork:
         return network
 
 
-def _read_layers(described: dict[str, Any], tensors: Mapping[str, Float]) -> list[SavedLayer]:
+def _read_layers(
+    described: dict[str, Any], tensors: Mapping[str, Float32Array]
+) -> list[SavedLayer]:
     """Returns the layers of a policy from its description and the tensors of its files."""
     if "network" not in described:
         return _read_older_layers(described, tensors)
@@ -96,7 +99,9 @@ def _read_layers(described: dict[str, Any], tensors: Mapping[str, Float]) -> lis
     return layers
 
 
-def _read_older_layers(described: dict[str, Any], tensors: Mapping[str, Float]) -> list[SavedLayer]:
+def _read_older_layers(
+    described: dict[str, Any], tensors: Mapping[str, Float32Array]
+) -> list[SavedLayer]:
     """Returns the layers of the older format, which follow those of learned features if any."""
     linear = _read_older_linear("", described["layers"], tensors)
     layers = relu_layers(linear, described["squash"])
@@ -113,7 +118,9 @@ def _read_older_layers(described: dict[str, Any], tensors: Mapping[str, Float]) 
     return [*before, *layers]
 
 
-def _read_older_linear(prefix: str, count: int, tensors: Mapping[str, Float]) -> list[Linear]:
+def _read_older_linear(
+    prefix: str, count: int, tensors: Mapping[str, Float32Array]
+) -> list[Linear]:
     """Returns the linear layers whose tensors have a prefix and a number in their names."""
     return [
         Linear(weight=tensors[f"{prefix}{i}.weight"], bias=tensors[f"{prefix}{i}.bias"])

@@ -16,10 +16,11 @@ import numpy as np
 import torch
 from torch import nn
 
+from jbench.array_types import Float32Array
 from jbench.errors import RequestError
 from jbench.names import TASKS
 from jbench.policies.actors import UnsupportedPolicyError, float32_array, module_layers
-from jbench.policies.layers import Float, Linear, SavedLayer, Tanh
+from jbench.policies.layers import Linear, SavedLayer, Tanh
 from jbench.policies.network import SavedNetwork
 from jbench.policies.unit_actions import ActionBounds, to_unit_actions
 from jbench.tasks.find import find_task
@@ -132,7 +133,9 @@ def _action_bounds(data: dict[str, Any]) -> ActionBounds | None:
     return np.array([minimum, maximum], np.float64)
 
 
-def _layers(form: _ActorForm, data: dict[str, Any], weights: dict[str, Float]) -> list[SavedLayer]:
+def _layers(
+    form: _ActorForm, data: dict[str, Any], weights: dict[str, Float32Array]
+) -> list[SavedLayer]:
     """Returns the layers of an actor from a file of sb3's weights."""
     # It is recorded as <class 'torch.nn.modules.activation.ELU'>.
     typed = (data.get("policy_kwargs") or {}).get("activation_fn") or form.activation
@@ -148,7 +151,7 @@ def _layers(form: _ActorForm, data: dict[str, Any], weights: dict[str, Float]) -
     return [*layers, *form.output]
 
 
-def _find_form(data: dict[str, Any], weights: dict[str, Float]) -> _ActorForm:
+def _find_form(data: dict[str, Any], weights: dict[str, Float32Array]) -> _ActorForm:
     """Returns the form whose names the weights have, or raises an UnsupportedPolicyError."""
     if data.get("use_sde"):
         raise UnsupportedPolicyError("it explores with gSDE")
@@ -162,7 +165,7 @@ def _find_form(data: dict[str, Any], weights: dict[str, Float]) -> _ActorForm:
     raise UnsupportedPolicyError("its actor is not that of DDPG, TD3, SAC, PPO or the like")
 
 
-def _linear(prefix: str, weights: dict[str, Float]) -> list[Linear]:
+def _linear(prefix: str, weights: dict[str, Float32Array]) -> list[Linear]:
     """Returns the linear layers whose names have a prefix, in the order of their numbers."""
     names = sorted(
         {name.rpartition(".")[0] for name in weights if name.startswith(prefix)},
@@ -173,7 +176,7 @@ def _linear(prefix: str, weights: dict[str, Float]) -> list[Linear]:
     ]
 
 
-def _weights(content: bytes) -> dict[str, Float]:
+def _weights(content: bytes) -> dict[str, Float32Array]:
     """Returns the arrays of a state dictionary; other objects are refused, not unpickled."""
     try:
         weights = torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)

@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 import pyarrow.compute as pc
 
+from jbench.array_types import FloatArray
 from jbench.errors import NothingYetError
 from jbench.names import RETURNS, Order, ReturnsName
 from jbench.report.configurations import seed_frame
@@ -25,7 +26,6 @@ from jbench.representation_names import shown_representation
 from jbench.returns import last_evaluation_return
 from jbench.settings.base import validated
 from jbench.settings.recorded import Run, flatten, parse_run
-from jbench.statistics import FloatArray
 from jbench.store import Results, query
 from jbench.store.evaluations import ADDED
 from jbench.store.shipped import results_to_read

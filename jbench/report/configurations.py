@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from jbench.array_types import FloatArray
 from jbench.report.analysis.findings import solved_verdict
 from jbench.report.analysis.scores import seed_scores
 from jbench.report.data.configuration import ID, Configuration, Curves
@@ -14,7 +15,6 @@ from jbench.report.data.curves import Curve, SeedCurve, best_median
 from jbench.report.data.points import long_frame
 from jbench.report.data.scores import Scores
 from jbench.returns import TRAINING
-from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
 from jbench.statistics.agents import components, smallest_difference
 from jbench.task_specs import SOLVED_RETURN

@@ -5,6 +5,7 @@ from collections.abc import Collection, Hashable, Mapping
 import numpy as np
 import pandas as pd
 
+from jbench.array_types import FloatArray
 from jbench.errors import RequestError
 from jbench.names import HEURISTIC
 from jbench.report.configurations import configuration_frame
@@ -17,7 +18,6 @@ from jbench.report.policies import hand_written_returns
 from jbench.report.request import Request
 from jbench.representation_names import FULL
 from jbench.settings.algorithms import display_name
-from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
 from jbench.statistics.verdicts import DECIDING_SEEDS
 from jbench.store import Results

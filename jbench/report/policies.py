@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from jbench.array_types import FloatArray
 from jbench.errors import WorkError
 from jbench.names import HEURISTIC, REFERENCE, TASKS, is_reference
 from jbench.report.analysis.claims import examine_solving
@@ -16,7 +17,6 @@ from jbench.report.data.configuration import Configuration, in_order
 from jbench.report.data.points import Part, long_frame
 from jbench.report.data.untrained import RANDOM, shipped_untrained, untrained_row
 from jbench.settings.specs import CODE_CHECKSUMS
-from jbench.statistics import FloatArray
 from jbench.store import Record, Results
 from jbench.wording import with_results
 

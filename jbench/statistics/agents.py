@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import fdtri, nctdtrinc, stdtrit
 
-from jbench.statistics import FloatArray
+from jbench.array_types import FloatArray
 from jbench.statistics.bootstrap import MIN_SEEDS, Estimate
 
 

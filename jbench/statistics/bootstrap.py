@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jbench.statistics import FloatArray, IntArray
+from jbench.array_types import FloatArray, IntArray
 
 Strata = Sequence[FloatArray]  # scores (..., seeds) per task
 Statistic = Callable[..., FloatArray]

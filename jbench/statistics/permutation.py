@@ -13,7 +13,8 @@ from itertools import combinations
 
 import numpy as np
 
-from jbench.statistics import ROUNDING, IntArray
+from jbench.array_types import IntArray
+from jbench.statistics import ROUNDING
 from jbench.statistics.bootstrap import Strata
 
 RELABELINGS_OF_TEN_SEEDS = 184_756

@@ -23,7 +23,8 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from jbench.statistics import ROUNDING, BoolArray, FloatArray, IntArray
+from jbench.array_types import BoolArray, FloatArray, IntArray
+from jbench.statistics import ROUNDING
 from jbench.statistics.verdicts import Verdict
 
 BLOCK = 5

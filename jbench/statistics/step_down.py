@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jbench.statistics import FloatArray
+from jbench.array_types import FloatArray
 from jbench.statistics.sequential import BLOCK, decided_at, interval
 from jbench.statistics.verdicts import Verdict
 

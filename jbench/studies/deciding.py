@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from jbench.array_types import FloatArray
 from jbench.names import ReturnsName
 from jbench.returns import final_return, mean_over_run
-from jbench.statistics import FloatArray
 from jbench.statistics.sequential import BLOCK
 from jbench.statistics.step_down import Decision, sequential_decisions
 from jbench.studies.entries import Claim

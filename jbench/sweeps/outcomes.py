@@ -4,10 +4,10 @@ from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass
 from functools import cache
 
+from jbench.array_types import FloatArray
 from jbench.errors import WorkError
 from jbench.returns import EVALUATION, TRAINING, evaluation_means
 from jbench.settings.run import RunSettings
-from jbench.statistics import FloatArray
 from jbench.statistics.sequential import BLOCK
 from jbench.statistics.step_down import Decision
 from jbench.store import Record, Results

@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from pydantic import Field
 from torch import Tensor
 
+from jbench.array_types import FloatArray
 from jbench.arrays import Array
 from jbench.encoders import scaling
 from jbench.encoders.kind import Fitted, Kind
 from jbench.encoders.networks import Weights, tanh
 from jbench.encoders.pairs import MAX_PAIRS, state_pairs
-from jbench.encoders.scaling import FloatArray, Moments, inverse
+from jbench.encoders.scaling import Moments, inverse
 from jbench.encoders.states import MAX_HORIZON, States
 from jbench.tasks.find import find_task
 

@@ -22,10 +22,11 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from jbench.array_types import FloatArray
 from jbench.arrays import Array, namespace
 from jbench.encoders.kind import Fitted
 from jbench.encoders.networks import Weights
-from jbench.encoders.scaling import FloatArray, Scaling, physical_scaling
+from jbench.encoders.scaling import Scaling, physical_scaling
 from jbench.encoders.states import States
 from jbench.task_specs import TASK_SPECS
 from jbench.tasks.find import find_task

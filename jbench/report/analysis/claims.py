@@ -11,6 +11,7 @@ from itertools import product
 
 import numpy as np
 
+from jbench.array_types import FloatArray
 from jbench.report.analysis.baselines import baseline_pairs
 from jbench.report.analysis.decisions import Study
 from jbench.report.analysis.findings import (
@@ -34,7 +35,6 @@ from jbench.report.numbers import signed, steps, whole, with_interval
 from jbench.representation_names import FULL, REPRESENTATION, kind_in
 from jbench.settings.algorithms import display_name
 from jbench.settings.recorded import comparable
-from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
 from jbench.statistics.verdicts import ERROR_RATE
 from jbench.studies.quantities import MARGIN

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import rankdata
 
+from jbench.array_types import FloatArray
 from jbench.report.data.common_steps import means_over_run
 from jbench.report.data.configuration import ID, Configuration, in_order
 from jbench.report.data.curves import final_returns
@@ -19,7 +20,6 @@ from jbench.report.data.points import long_frame
 from jbench.report.data.scores import Scores
 from jbench.report.data.source_names import FILE, IMPORTED
 from jbench.returns import EVALUATION
-from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
 from jbench.statistics.agents import deviation_difference
 from jbench.statistics.permutation import p_value

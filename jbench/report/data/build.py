@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
+from jbench.array_types import FloatArray
 from jbench.names import ReturnsName
 from jbench.report.data.code import note_changes, recorded_code, split_by_code
 from jbench.report.data.configuration import KEY, Configuration, paper_order
@@ -32,7 +33,6 @@ from jbench.settings.code_words import code_dates
 from jbench.settings.defaults import foreign_differences
 from jbench.settings.recorded import comparable, parse_run
 from jbench.settings.variants import variant_words
-from jbench.statistics import FloatArray
 
 _ORDER = ["seed", "reached", "recorded", "steps", "run"]
 _ASCENDING = [True, False, False, False, True]

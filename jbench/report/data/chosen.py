@@ -7,13 +7,13 @@ from decimal import Decimal
 import numpy as np
 import pandas as pd
 
+from jbench.array_types import BoolArray
 from jbench.errors import RequestError
 from jbench.report.data.code import recorded_code, split_by_code
 from jbench.report.request import OF, representations_meant, setting, settings_typed
 from jbench.settings.code_words import CODE_LENGTH, CODE_WORDS
 from jbench.settings.recorded import comparable, flatten, parse_run
 from jbench.settings.variants import value_text
-from jbench.statistics import BoolArray
 from jbench.typed_values import closest
 
 

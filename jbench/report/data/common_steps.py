@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jbench.array_types import BoolArray, FloatArray
 from jbench.names import ReturnsName
 from jbench.returns import TRAINING
-from jbench.statistics import BoolArray, FloatArray
 
 _FINE = 1001
 """Control steps of an equally spaced grid between points that are not equally spaced."""

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from jbench.array_types import IntArray
 from jbench.names import TASKS, Order, ReturnsName
 from jbench.report.data.common_steps import CommonPoints, SeedPoints, at_common_steps, distinct
 from jbench.report.data.curves import Curve, SeedCurve, learning_curve, seed_curve
@@ -19,7 +20,6 @@ from jbench.representation_names import FULL, kind_in, shown_representation
 from jbench.returns import EVALUATION
 from jbench.settings.algorithms import ALGORITHMS, display_name
 from jbench.settings.recorded import comparable
-from jbench.statistics import IntArray
 from jbench.studies.quantities import margin
 
 SEQUENCE_WINDOW = 20  # episodes in a moving average, of one robot each (the authors' script)

@@ -8,11 +8,11 @@ import pandas as pd
 import pyarrow as pa
 from numpy.lib.stride_tricks import sliding_window_view
 
+from jbench.array_types import FloatArray, IntArray
 from jbench.names import Order, ReturnsName
 from jbench.report.data.source_names import PUBLISHED
 from jbench.representation_names import FULL, shown_representation
 from jbench.returns import averaged_points, mean_over_run
-from jbench.statistics import FloatArray, IntArray
 from jbench.task_specs import episode_steps
 
 QUANTILES = (10, 25, 50, 75, 90)  # percent, across seeds

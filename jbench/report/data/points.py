@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
+from jbench.array_types import FloatArray
 from jbench.names import ReturnsName
 from jbench.returns import EVALUATION, TRAINING
-from jbench.statistics import FloatArray
 
 POINT = ["episode_return", "control_steps", "processor_time"]
 _POSES = ["x", "y", "heading", "target_x", "target_y", "target_yaw"]

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jbench.statistics import BoolArray, FloatArray
+from jbench.array_types import BoolArray, FloatArray
 from jbench.statistics.agents import Agents
 
 

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from jbench.array_types import FloatArray
 from jbench.report.data.source_names import OWN
-from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
 
 RANDOM = "random"

@@ -18,9 +18,9 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from jbench.array_types import FloatArray
 from jbench.tasks.jitterbug import features, geometry
 
-Array = NDArray[np.float64]
 Plane = NDArray[np.complex128]
 """Vectors in the plane of the floor as complex numbers: forward + 1j left, or x + 1j y."""
 
@@ -30,16 +30,16 @@ _TORSO_OFFSET = (0.0, 0.006008, -0.011055)  # center of mass of the torso: `mode
 class Motion(NamedTuple):
     """The quantities of an observation that the laws use, each (robots,)."""
 
-    mass: Array  # direction of the eccentric mass; 0 forward, pi / 2 left (rad)
-    mass_rate: Array  # rad/s
+    mass: FloatArray  # direction of the eccentric mass; 0 forward, pi / 2 left (rad)
+    mass_rate: FloatArray  # rad/s
     speed: Plane  # of the torso's center of mass (m/s)
     tilt: Plane  # sines of the angles of the forward and left axes above horizontal (1)
     tilt_rate: Plane  # its rate (1/s)
-    yaw_rate: Array  # rad/s
-    heading: Array  # direction of the forward axis in the world (rad)
+    yaw_rate: FloatArray  # rad/s
+    heading: FloatArray  # direction of the forward axis in the world (rad)
     position: Plane  # in the world (m)
     target: Plane  # relative to the robot; 0 if not observed (m)
-    angle: Array  # remaining yaw angle; 0 if not observed (rad)
+    angle: FloatArray  # remaining yaw angle; 0 if not observed (rad)
 
 
 def read_motion(task: str, observation: NDArray[np.floating]) -> Motion:
@@ -81,15 +81,15 @@ class Law:
         self._rests = np.zeros(robots, dtype=bool)
         self._turns = np.zeros(robots, dtype=bool)
 
-    def act(self, observation: NDArray[np.floating]) -> Array:
+    def act(self, observation: NDArray[np.floating]) -> FloatArray:
         """Returns actions (robots, 1) in [-1, 1] for observations (robots, dim(O))."""
         return np.clip(self._torque(read_motion(self.task, observation)), -1, 1)[..., None]
 
-    def _torque(self, motion: Motion) -> Array:
+    def _torque(self, motion: Motion) -> FloatArray:
         """Returns torques (robots,)."""
         raise NotImplementedError
 
-    def _rest(self, value: Array, arrive: float, depart: float) -> NDArray[np.bool_]:
+    def _rest(self, value: FloatArray, arrive: float, depart: float) -> NDArray[np.bool_]:
         """Applies hysteresis: rest below `arrive`, resume above `depart`."""
         self._rests = value < np.where(self._rests, np.maximum(depart, arrive), arrive)
         return self._rests
@@ -117,10 +117,10 @@ class Driver(Law):
     def _drive(
         self,
         motion: Motion,
-        bearing: Array,
-        drive_scale: Array | float = 1.0,
-        more: Array | float = 0.0,
-    ) -> Array:
+        bearing: FloatArray,
+        drive_scale: FloatArray | float = 1.0,
+        more: FloatArray | float = 0.0,
+    ) -> FloatArray:
         """Returns the torque (robots,) that drives towards a bearing (robots,), plus `more`."""
         to_bearing = np.exp(-1j * bearing)
         sine = np.sin(motion.mass - bearing)
@@ -164,9 +164,9 @@ class Turner(Law):
     def _turn(
         self,
         motion: Motion,
-        more: Array | float = 0.0,
+        more: FloatArray | float = 0.0,
         at_max_torque: NDArray[np.bool_] | bool = False,
-    ) -> Array:
+    ) -> FloatArray:
         """Returns the torque (robots,) that turns by the remaining angle.
 
         `more` is relative torque to add; those of a mask turn with the maximum torque.

@@ -8,7 +8,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from jbench.tasks.jitterbug.control_laws import Array, Driver, Law, Motion, Turner
+from jbench.array_types import FloatArray
+from jbench.tasks.jitterbug.control_laws import Driver, Law, Motion, Turner
 
 
 @dataclass
@@ -30,7 +31,7 @@ class MoveFromOrigin(Driver):
     start_bearing: float = 0.81  # bearing of the fastest start (rad)
     away: float = 0.12  # beyond this distance it rests permanently (m)
 
-    def _torque(self, motion: Motion) -> Array:
+    def _torque(self, motion: Motion) -> FloatArray:
         """Drives on outwards until it is far away."""
         distance = np.abs(motion.position)
         self._rests |= distance > self.away
@@ -50,7 +51,7 @@ class FaceDirection(Turner):
     arrive: float = 0.075  # rests below this remaining angle (rad)
     depart: float = 0.08  # turns again above this angle (rad)
 
-    def _torque(self, motion: Motion) -> Array:
+    def _torque(self, motion: Motion) -> FloatArray:
         """Turns until the angle is small."""
         rests = self._rest(np.abs(motion.angle), self.arrive, self.depart)
         return np.where(rests, 0, self._turn(motion))
@@ -79,7 +80,7 @@ class MoveInDirection(Driver):
     tilt_phase_gain: float = 2.4  # as `tilt_gain`, times the cosine of the mass's angle
     roll_gain: float = 0.075  # torque per rad/s of tilt across, times the cosine of twice it (s)
 
-    def _torque(self, motion: Motion) -> Array:
+    def _torque(self, motion: Motion) -> FloatArray:
         """Drives in the direction of the target."""
         to_bearing = np.exp(-1j * motion.angle)
         along = (motion.speed * to_bearing).real
@@ -109,7 +110,7 @@ class MoveToPosition(Driver):
     arrive: float = 0.0025  # rests below this distance (m)
     depart: float = 0.0032  # drives again above this distance (m)
 
-    def _torque(self, motion: Motion) -> Array:
+    def _torque(self, motion: Motion) -> FloatArray:
         """Drives to the target, slower near it."""
         rests = self._rest(np.abs(motion.target), self.arrive, self.depart)
         predicted = motion.target - self.ahead * motion.speed
@@ -120,7 +121,7 @@ class MoveToPosition(Driver):
         steering = self._steering(motion, bearing)
         return np.where(rests, 0, self._drive(motion, bearing, drive_scale, steering))
 
-    def _steering(self, motion: Motion, bearing: Array) -> Array | float:
+    def _steering(self, motion: Motion, bearing: FloatArray) -> FloatArray | float:
         """Returns the torque (robots,) that turns the robot while it drives."""
         return 0.0
 
@@ -155,7 +156,7 @@ class MoveToPose(Turner, MoveToPosition):
     homing_phase: float = 1.48  # phase of its maximum before the target's bearing (rad)
     homing_distance: float = 0.02  # distance at which the modulation reaches its full amplitude (m)
 
-    def _torque(self, motion: Motion) -> Array:
+    def _torque(self, motion: Motion) -> FloatArray:
         """Drives to the target and turns there."""
         remaining = np.abs(motion.angle)
         distance = np.abs(motion.target)
@@ -171,7 +172,7 @@ class MoveToPose(Turner, MoveToPosition):
         turning = self._turn(motion, homing, at_max_torque=far)
         return np.where(self._turns, turning, super()._torque(motion))
 
-    def _steering(self, motion: Motion, bearing: Array) -> Array:
+    def _steering(self, motion: Motion, bearing: FloatArray) -> FloatArray:
         """Steers towards the target's heading on the way."""
         angle = np.clip(motion.angle, -self.max_steer_angle, self.max_steer_angle)
         return angle * (self.steer + self.steer_phase_gain * np.cos(motion.mass - bearing))

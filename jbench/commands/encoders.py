@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from jbench.store import Record, Results
 
 _FAR_LESS = 0.1  # of the variance
-_TRIAL = 1000  # episodes; who collects fewer first tries what comes next
+_TRIAL = 1_000_000  # control steps; who collects fewer first tries what comes next
 
 
 def train_encoder(
@@ -143,7 +143,7 @@ def _training_command(encoders: Sequence["EncoderSettings"], source: "Dataset") 
     command = f"jbench train --task {first.task} --encoder {first.representation}"
     if encoders[-1].seed != first.seed:
         command += " --encoder-seeds each"
-    if source.episodes < _TRIAL:
+    if source.control_steps < _TRIAL:
         command += " --steps 20k --seeds 0-1"
 
     return command

@@ -43,6 +43,7 @@ def planned_encoders(wanted: Wanted, source: "Dataset | None") -> list["EncoderS
     """
     from jbench.encoders.registry import latent_sizes
     from jbench.encoders.settings import encoder_settings
+    from jbench.encoders.states import check_episodes
 
     typed = wanted.options
     latent = wanted.latent or str(options.LATENTS)
@@ -52,6 +53,7 @@ def planned_encoders(wanted: Wanted, source: "Dataset | None") -> list["EncoderS
     )
     about_dataset: dict[str, Any] = {"dataset": "any"}
     if source is not None:
+        check_episodes(source)
         about_dataset = {
             "dataset": source.id,
             "episodes": source.episodes,

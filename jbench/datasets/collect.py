@@ -12,8 +12,13 @@ from jbench.tasks.worlds import EpisodeError
 
 
 def plan_dataset(settings: DatasetSettings, results: Results) -> Planned[DatasetSettings]:
-    """Returns settings with the id of a recorded dataset of the same code, if there is one."""
-    return find_layout(settings.robot).plan(settings, results)
+    """Returns settings with the id of a recorded dataset of the same code, if there is one.
+
+    Raises a RequestError if the last episode would be cut, see `DatasetLayout.check_steps`.
+    """
+    layout = find_layout(settings.robot)
+    layout.check_steps(settings)
+    return layout.plan(settings, results)
 
 
 def collect(
@@ -28,13 +33,15 @@ def collect(
     the dataset does not depend on threads or interruptions. It is committed file by file, and the
     next ones are simulated while one is written. `progress` takes the control steps that are
     committed or simulated, at least each second. Raises a RequestError if its robot is not
-    installed or has changed, and a WorkError if another process collects it, or the disk is full.
+    installed or has changed, or its last episode would be cut, and a WorkError if another process
+    collects it, or the disk is full.
     An episode that can't go on fails the dataset with an EpisodeError; those before it are kept.
     """
+    layout = find_layout(settings.robot)
+    layout.check_steps(settings)
     with results.locked("dataset", settings.id) as existing:
         if existing is not None and existing.is_finished:
             return existing
-        layout = find_layout(settings.robot)
         code = layout.code()
         if existing is not None:
             check_code(existing, code)

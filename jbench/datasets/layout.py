@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 import pyarrow as pa
 
 from jbench.datasets.block import Block
+from jbench.errors import RequestError
 from jbench.settings.records import DatasetSettings
 from jbench.store import Record, Results
 from jbench.store.planned import Planned
@@ -54,6 +55,18 @@ class DatasetLayout(ABC):
     def plan(self, settings: DatasetSettings, results: Results) -> Planned[DatasetSettings]:
         """Returns settings with the id of a recorded dataset of the same code, if there is one."""
         return Planned(settings, [])
+
+    def check_steps(self, settings: DatasetSettings) -> None:
+        """Raises a RequestError if the last episode would be cut, unless any may end early."""
+        length = settings.episode_steps
+        if not settings.steps % length or self.ends_early:
+            return
+
+        up = (settings.steps // length + 1) * length
+        raise RequestError(
+            f"steps can't be {settings.steps}: an episode{self.of_robot} has {length} control "
+            f"steps; steps must be a multiple, such as {up}."
+        )
 
     @abstractmethod
     def collect(

@@ -24,6 +24,9 @@ from jbench.store.shipped import results_to_read
 from jbench.tasks.find import check_specs, find_task
 from jbench.tasks.task import Task
 
+_SMALL = 100_000
+"""Control steps of a small dataset, or a few more."""
+
 
 class Dataset:
     """A collected dataset of a robot: "jitterbug", or the task of another one.
@@ -119,9 +122,10 @@ class Dataset:
 
 
 def _small(task: Task) -> int:
-    """Returns the control steps of a small dataset of a task: whole episodes."""
-    length = task.episode_steps
-    return math.ceil(100_000 / length) * length
+    """Returns the control steps of a small dataset of a task, which `collect` takes."""
+    if task.ends_early:
+        return _SMALL
+    return math.ceil(_SMALL / task.episode_steps) * task.episode_steps
 
 
 def find_dataset(

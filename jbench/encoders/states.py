@@ -38,13 +38,20 @@ class Split(NamedTuple):
     held_out: NDArray[np.intp]  # 20%
 
 
+def check_episodes(dataset: Dataset) -> None:
+    """Raises a RequestError if a dataset has a single episode, so that none can be held out."""
+    if dataset.episodes > 1:
+        return
+
+    steps = 10 * dataset.settings.episode_steps
+    raise RequestError(
+        f"The dataset {dataset.id} has a single episode, and an encoder is trained on some and "
+        f"tested on others; collect more: jbench collect{dataset.layout.option} --steps {steps}."
+    )
+
+
 def split_episodes(episodes: int, seed: int) -> Split:
-    """Returns the random division of episodes into those of the training and the held-out ones."""
-    if episodes < 2:
-        raise RequestError(
-            "The dataset has a single episode, and an encoder is trained on some and tested on "
-            "others; collect more, such as jbench collect --steps 10k."
-        )
+    """Returns the random division of two episodes or more into training and held-out ones."""
     order = np.random.default_rng(np.random.SeedSequence(seed)).permutation(episodes)
     held_out = max(1, round(_TEST_SHARE * episodes))
     return Split(learned=np.sort(order[held_out:]), held_out=np.sort(order[:held_out]))
@@ -78,6 +85,7 @@ class States:
         self.size = find_task(task).observation_size
         self.columns = list(range(self.size))
         self.action_size = find_task(task).action_size
+        check_episodes(dataset)
         self._numbers = split_episodes(dataset.episodes, seed)._asdict()  # of episodes, by side
         self._memory = memory
         # None for all features, since a reference to itself would be a cycle.

@@ -96,26 +96,15 @@ class DatasetSettings(RecordSettings):
     steps: int = Field(
         5_000_000,
         gt=0,
-        description="number of control steps, in whole episodes (paper, section 5.2: 5 million)",
+        description="number of control steps (paper, section 5.2: 5 million): whole episodes, or "
+        "exactly as many where episodes may end early",
         json_schema_extra={"unit": "control steps"},
     )
     augment: Seed | None = omissible(None, description=_AUGMENT)
 
-    @model_validator(mode="after")
-    def _has_whole_episodes(self) -> Self:
-        """Raises a ValueError if the last episode would be cut."""
-        length = self.episode_steps
-        if self.steps % length:
-            up = (self.steps // length + 1) * length
-            raise ValueError(
-                f"steps can't be {self.steps}: the time limit of an episode is {length} control "
-                f"steps; steps must be a multiple, such as {up}"
-            )
-        return self
-
     @property
     def episode_steps(self) -> int:
-        """Control steps of an episode."""
+        """Control steps of an episode, or most of them if episodes may end early."""
         return episode_steps(self.specs)
 
     @property

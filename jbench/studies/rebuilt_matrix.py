@@ -136,21 +136,15 @@ def _dataset_keys(
 
     It is empty for the dataset of a matrix without this table.
     """
+    # The one that a matrix makes for a run if it does not say which.
+    usual = DatasetSettings.model_validate(dataset_robot(run.task, run.specs))
     id = str(encoder.get("dataset"))
-    if id == _usual_dataset(run):
+    if id == usual.id:
         return {}
     recorded = datasets.get(id)
     if recorded is None or recorded.get("augment") is not None:
         return None
     return {"steps": recorded.get("steps"), "seed": recorded.get("seed")}
-
-
-def _usual_dataset(run: RunSettings) -> str | None:
-    """Returns the id of the dataset that a matrix makes for a run if it does not say which."""
-    try:
-        return DatasetSettings.model_validate(dataset_robot(run.task, run.specs)).id
-    except ValueError:  # the usual number of steps is not one of whole episodes of the robot
-        return None
 
 
 def _unknown_of_encoder(run: RunSettings, encoders: Recorded, datasets: Recorded) -> str:

@@ -6,7 +6,7 @@ import signal
 
 import pytest
 
-from jbench.datasets import collect
+from jbench.datasets import Dataset, collect
 from jbench.settings.records import DatasetSettings
 from jbench.store import Results
 from tests.command_line import start, wait_until
@@ -50,6 +50,22 @@ def test_collect_stopped_by_ctrl_c_reports_that_it_can_resume(tmp_path):
     assert output.splitlines()[-1] == f"Stopped. {kept if steps else nothing}"
     assert process.returncode == 130
     assert [record.status for record in Results(tmp_path).scan("dataset")[0]] == ["unfinished"]
+
+
+def test_steps_of_a_robot_that_may_fall_are_made_exactly(run_command, refused, tmp_path):
+    falls = ("--task", "tests.gym_tasks:falls")
+    code, out, err = run_command("collect", *falls, "--steps", 47, results=tmp_path)
+    assert code == 0, err
+    assert " 47 control steps" in out
+    (dataset,) = map(Dataset, Results(tmp_path).scan("dataset")[0])
+    (block,) = dataset.blocks(dataset.robot)
+    assert block.lengths.tolist() == [7] * 6 + [5]  # it falls at its seventh control step
+    assert block.terminated.tolist() == [True] * 6 + [False]
+
+    code, out, err = run_command("collect", *falls, "--steps", 5, results=tmp_path / "single")
+    assert code == 0, err
+    sentence = refused("train-dae", *falls, "--latent", 2, results=tmp_path / "single")
+    assert sentence.endswith("jbench collect --task tests.gym_tasks:falls --steps 200.\n")
 
 
 def test_datasets_lists_all_with_settings_status_and_size(results, run_command, document):

@@ -1,10 +1,11 @@
 """Tests that a collected dataset depends only on its settings, not on threads or interruptions."""
 
-import pytest
-from pydantic import ValidationError
+from functools import partial
 
-from jbench.datasets import collect, fixed
-from jbench.errors import WorkError
+import pytest
+
+from jbench.datasets import collect, fixed, plan_dataset
+from jbench.errors import RequestError, WorkError
 from jbench.settings.records import DatasetSettings, dataset_robot
 from jbench.store import Results
 from jbench.tasks.dm_worlds import DmWorlds
@@ -12,12 +13,14 @@ from jbench.tasks.find import find_task
 from tests.short_episodes import shorten_episodes
 
 
-def test_steps_are_whole_episodes():
+def test_steps_are_whole_episodes(tmp_path):
     assert DatasetSettings().steps == 5_000_000
-    # Episodes of other robots may end before their time limit.
-    sentence = "limit of an episode is 1000 control steps; steps must be a multiple, such as 2000"
-    with pytest.raises(ValidationError, match=sentence):
-        DatasetSettings(steps=1500)
+    sentence = "an episode has 1000 control steps; steps must be a multiple, such as 2000"
+    settings = DatasetSettings(steps=1500)
+    for work in (plan_dataset, partial(collect, threads=1)):
+        with pytest.raises(RequestError, match=sentence):
+            work(settings, Results(tmp_path))
+    assert not any(tmp_path.iterdir())
 
 
 def checksums(record):

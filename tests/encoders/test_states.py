@@ -108,5 +108,5 @@ def test_pairs_have_given_distance_within_episode(dataset, ahead):
 
 
 def test_dataset_of_single_episode_is_refused(results):
-    with pytest.raises(RequestError, match=r"single episode.*jbench collect --steps 10k"):
+    with pytest.raises(RequestError, match=r"single episode.*: jbench collect --steps 10000\."):
         States(make_dataset(results, episodes=1), "face_direction", 0)

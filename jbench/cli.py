@@ -12,7 +12,7 @@ from jbench import __version__
 from jbench.commands import output
 from jbench.commands.refusals import refusal
 from jbench.commands.verbs import Verb, Verbs
-from jbench.errors import RequestError, WorkError
+from jbench.errors import RequestError, WorkError, warning_by
 
 _VERBS = {
     verb.name: verb
@@ -142,7 +142,7 @@ def _run(arguments: Sequence[str]) -> int:
     os.environ.setdefault("MUJOCO_GL", "disable")
     output.begin(arguments)
     try:
-        with output.documents_alone():
+        with output.documents_alone(), warning_by(output.warn_once):
             answer = app(arguments, prog_name="jbench", standalone_mode=False)
         if answer == _INTERRUPTED:  # as typer answers Ctrl-C
             raise KeyboardInterrupt

@@ -2,7 +2,11 @@
 
 import sysconfig
 import traceback
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TextIO
 
 
 class RequestError(ValueError):
@@ -32,13 +36,44 @@ class ElsewhereError(WorkError):
     exit_code = 3
 
 
+class WorkWarning(UserWarning):
+    """Something wrong that does not end the work: one sentence."""
+
+
+@contextmanager
+def warning_by(show: Callable[[str], object]) -> Iterator[None]:
+    """Shows the sentence of each `WorkWarning` in the block by a function; others as before."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", WorkWarning)
+        as_before = warnings.showwarning
+
+        def show_sentence(
+            message: Warning | str,
+            category: type[Warning],
+            filename: str,
+            lineno: int,
+            file: TextIO | None = None,
+            line: str | None = None,
+        ) -> None:
+            if issubclass(category, WorkWarning):
+                show(str(message))
+            else:
+                as_before(message, category, filename, lineno, file, line)
+
+        warnings.showwarning = show_sentence
+        yield
+
+
 ERRORS_OF_OTHERS = (Exception, SystemExit)
 """What code of others may raise where it is called. Also `sys.exit` in an environment, an agent or
 a policy fails their work with a message, and does not end jbench."""
 
 
-def without_exit(error: Exception | SystemExit) -> Exception:
-    """Returns an error that can be raised again: of a `SystemExit`, a WorkError says the same."""
+def without_exit(error: BaseException) -> Exception:
+    """Returns an error that can be raised again: of a `SystemExit`, a WorkError says the same.
+
+    So it does of a `KeyboardInterrupt`, where that is not Ctrl-C.
+    """
     if isinstance(error, Exception):
         return error
     made = WorkError(f"Code that jbench called ended the process ({sentence_of_failure(error)}).")

@@ -1,5 +1,6 @@
 """Gymnasium environments of a lab with mistakes, or with wrappers that do not suit training."""
 
+import signal
 import sys
 
 import gymnasium
@@ -80,6 +81,33 @@ class QuitsAtReset(Cart):
         sys.exit("no license")
 
 
+class FailsToClose(Cart):
+    """Its simulator is gone when it is closed."""
+
+    closed = 0
+
+    def close(self):
+        FailsToClose.closed += 1
+        raise OSError("the simulator\nis gone")
+
+
+class FailsToClosePixels(FailsToClose):
+    observation_space = spaces.Box(0, 255, (8, 8, 3), np.uint8)
+
+
+class QuitsAtClose(Cart):
+    def close(self):
+        sys.exit("no license")
+
+
+class IsStoppedAtClose(Cart):
+    """Raises what Ctrl-C does in a process that ignores Ctrl-C, such as a worker."""
+
+    def close(self):
+        if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+            raise KeyboardInterrupt
+
+
 class TruncatesItself(Cart):
     """Truncates its episodes; the length of each follows from its seed."""
 
@@ -119,6 +147,9 @@ class LeavesArea(Cart):
 
 gymnasium.register("lab/Endless-v0", "tests.gym_tasks:Cart")
 
+fails_to_close, fails_to_close_pixels, quits_at_close, is_stopped_at_close = map(
+    limited, (FailsToClose, FailsToClosePixels, QuitsAtClose, IsStoppedAtClose)
+)
 swaps_sizes, quits, quits_at_reset, leaves_area = map(
     limited, (SwapsSizes, Quits, QuitsAtReset, LeavesArea)
 )

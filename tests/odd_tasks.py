@@ -92,6 +92,13 @@ class NoActionSpec(Short):
         raise KeyError("nope")
 
 
+class FailsToClose(Short):
+    """Is made again for each episode, and closed before."""
+
+    def close(self):
+        raise OSError("the simulator is gone")
+
+
 class Fragile(Short):
     """Every fifth episode, on average, breaks at its 7th control step."""
 

@@ -36,6 +36,9 @@ typed: Sequence[str] = ()
 _documents: TextIO | None = None
 """Standard output while `documents_alone` keeps it for the document; None at other times."""
 
+_warned = set[str]()
+"""The warnings that the command has printed by `warn_once`."""
+
 _kept: Callable[[], str] = str
 """Returns what is kept if the command is stopped now; nothing, until the command says it."""
 
@@ -46,6 +49,7 @@ def begin(arguments: Sequence[str]) -> None:
     typed = arguments
     is_json = "--json" in arguments
     has_document = False
+    _warned.clear()
     _kept = str
     set_up_streams()
 
@@ -131,6 +135,13 @@ def say(text: str) -> None:
 def warn(text: str) -> None:
     """Prints a line about something wrong that does not end the work."""
     print(f"Warning: {printable(text)}", file=sys.stderr, flush=True)
+
+
+def warn_once(text: str) -> None:
+    """Prints a warning, unless the command has printed the same one before."""
+    if text not in _warned:
+        _warned.add(text)
+        warn(text)
 
 
 @_writing()

@@ -53,7 +53,7 @@ def train_cells(
         if isinstance(event, Note):
             output.say(event.text)
         elif isinstance(event, Warned):
-            output.warn(event.text)
+            output.warn_once(event.text)
         else:
             view.show(event)
 

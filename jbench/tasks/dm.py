@@ -74,7 +74,7 @@ class DmTask(EnvironmentTask):
         except UnusableError as error:
             raise self._refusal(str(error)) from error
         finally:
-            close(environment)
+            close(name, environment)
 
     def _read(self, environment: Any, files: Mapping[str, str] | None, takes_random: bool) -> None:
         """Reads what is known of an environment; an UnusableError says why it can't be used."""

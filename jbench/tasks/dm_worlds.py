@@ -5,6 +5,7 @@ observation and reward are Python, so threads would be slower. The state of an e
 and the actions so far, since many tasks write random targets into their model at each reset.
 """
 
+import warnings
 from collections.abc import Sequence
 from functools import partial
 from typing import Any
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from jbench.errors import ERRORS_OF_OTHERS, WorkError, sentence_of_failure
+from jbench.errors import ERRORS_OF_OTHERS, WorkError, WorkWarning, sentence_of_failure
 from jbench.tasks.dm_specification import UnusableError
 from jbench.tasks.environment_task import EnvironmentTask
 from jbench.tasks.own_pictures import check_can_draw, check_draws, mujoco_physics, own_picture
@@ -44,7 +45,7 @@ class DmWorlds(EndingWorlds):
     def close(self) -> None:
         """Closes the environments."""
         for environment in self.environments:
-            close(environment)
+            close(self._task.name, environment)
 
     def begin(
         self,
@@ -177,7 +178,7 @@ class DmWorlds(EndingWorlds):
             if self._task.reseeds:
                 self._task.reseed(self.environments[world], seed)
             else:
-                close(self.environments[world])
+                close(self._task.name, self.environments[world])
                 self.environments[world] = self._task.environment(seed, draws=self._draws)
 
             timestep = self.environments[world].reset()
@@ -217,8 +218,15 @@ class DmWorlds(EndingWorlds):
         )
 
 
-def close(environment: Any) -> None:
-    """Closes an environment that can be closed."""
-    method = getattr(environment, "close", None)
-    if callable(method):
-        method()
+def close(task: str, environment: Any) -> None:
+    """Closes an environment of a task, if it can be closed; an error of that is a warning.
+
+    Its work is done by then, or has failed by an error of its own.
+    """
+    try:
+        method = getattr(environment, "close", None)
+        if callable(method):
+            method()
+    except ERRORS_OF_OTHERS as error:
+        sentence = f"{task}: its close fails ({sentence_of_failure(error)}); no result is lost."
+        warnings.warn(sentence, WorkWarning, stacklevel=2)

@@ -86,16 +86,16 @@ class Note:
     text: str
 
 
-LastEvent = Finished | Failed | Held
-RunEvent = Resumed | EpisodeEnded | LastEvent
-WorkerEvent = RunEvent | Note
-
-
 @dataclass(frozen=True)
 class Warned:
-    """A sentence of a sweep for the user, on something that is wrong."""
+    """A sentence for the user, on something that is wrong."""
 
     text: str
+
+
+LastEvent = Finished | Failed | Held
+RunEvent = Resumed | EpisodeEnded | LastEvent
+WorkerEvent = RunEvent | Note | Warned
 
 
 @dataclass(frozen=True)

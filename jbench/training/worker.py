@@ -32,11 +32,11 @@ def main() -> int:
     os.dup2(2, 1)  # what libraries print is no event
     import torch
 
-    from jbench.errors import ERRORS_OF_OTHERS, without_exit
+    from jbench.errors import ERRORS_OF_OTHERS, warning_by, without_exit
     from jbench.settings.run import RunSettings
     from jbench.store import Results
     from jbench.training.batched_run import run_batch
-    from jbench.training.events import WorkerEvent, to_json
+    from jbench.training.events import Warned, WorkerEvent, to_json
 
     torch.set_num_threads(1)
     request = json.loads(line)
@@ -49,10 +49,11 @@ def main() -> int:
         assert isinstance(event, WorkerEvent)
         events.write(json.dumps(to_json(event)) + "\n")
 
-    try:
-        failures = run_batch(runs, results, report=send, **request["options"])
-    except ERRORS_OF_OTHERS as error:
-        failures = dict.fromkeys((run.id for run in runs), without_exit(error))
+    with warning_by(lambda sentence: send(Warned(sentence))):
+        try:
+            failures = run_batch(runs, results, report=send, **request["options"])
+        except (*ERRORS_OF_OTHERS, KeyboardInterrupt) as error:  # Ctrl-C is ignored here
+            failures = dict.fromkeys((run.id for run in runs), without_exit(error))
     for run in runs:
         send(_ended(run, results, failures.get(run.id)))
     return 1 if failures else 0

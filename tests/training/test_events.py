@@ -12,6 +12,7 @@ from jbench.training.events import (
     Held,
     Note,
     Resumed,
+    Warned,
     WorkerEvent,
     from_json,
     to_json,
@@ -24,6 +25,7 @@ EVENTS = [
     Failed("a", "no luck", 'Traceback:\n  "line" 1'),
     Held("a"),
     Note("The replay buffer is kept."),
+    Warned("a:make: its close fails."),
 ]
 
 

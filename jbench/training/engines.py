@@ -1,5 +1,6 @@
 """What trains the agents of a batch of runs, jbench's engine or another loop, and its speed."""
 
+import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -199,13 +200,14 @@ def stepping(
 ) -> float:
     """Returns the seconds per control step of one of several robots side by side.
 
-    They do nothing without a policy `act`. On a GPU there is a robot on each thread.
+    They do nothing without a policy `act`. On a GPU each thread has a robot: `robots` are then
+    multiplied by a whole number, so that the seeds of a policy still have as many each.
     """
     task = find_task(settings.task)
     threads = 1
     if device != "cpu" and ENGINES[settings.engine].is_for_gpu:
         threads = cores()
-        robots = max(robots, threads)
+        robots *= math.ceil(threads / robots)
 
     steps = max(1, _STEPS // robots)
     actions: NDArray[np.floating] = np.zeros((robots, task.action_size), np.float32)

@@ -12,7 +12,13 @@ from jbench.store import Results
 from jbench.store.locks import HeldError
 from jbench.training import batched_run, engines, evaluation
 from jbench.training.batched_run import run_batch
-from jbench.training.engines import evaluation_steps, learning_share, make_trainer, seconds_per_step
+from jbench.training.engines import (
+    evaluation_steps,
+    learning_share,
+    make_trainer,
+    seconds_per_step,
+    stepping,
+)
 from jbench.training.evaluation import derive_seeds, evaluate_policies
 from jbench.training.events import EpisodeEnded
 from jbench.training.repeat import reevaluate
@@ -184,8 +190,10 @@ def test_paths_are_of_own_episodes_of_each_seed(tmp_path):
 
 
 def test_incompatible_settings_and_devices_are_refused():
-    with pytest.raises(ValueError, match="has no environments: choose the batched engine, or"):
+    with pytest.raises(ValueError, match="choose that engine, or leave it out"):
         settings(engine="sb3", parallel=2)
+    with pytest.raises(ValueError, match="choose that engine, or type n_envs, a setting of ppo"):
+        settings("ppo", engine="sb3", parallel=2)
     with pytest.raises(ValueError, match="setting of the batched engine"):
         settings(engine="sb3", precision="bfloat16")
     with pytest.raises(ValueError, match="ppo does not learn in bfloat16: precision must be float"):
@@ -254,6 +262,20 @@ def test_speed_is_measured_with_the_updates_of_a_run(
     # A clock that counts updates.
     counted = seconds_per_step([run], clock=lambda: made[0].updates if made else 0)
     assert counted == pytest.approx(updates, rel=1e-3)
+
+
+@pytest.mark.parametrize(("seeds", "robots"), [(3, 6), (4, 4), (7, 7)])
+def test_robots_that_are_measured_on_a_gpu_are_divided_among_the_seeds(seeds, robots, monkeypatch):
+    monkeypatch.setattr(engines, "cores", lambda: 4)
+    monkeypatch.setattr(engines, "_STEPS", 10)
+    seen = []
+
+    def act(observations):
+        seen.append(len(observations))
+        return np.zeros((len(observations), 1), np.float32)
+
+    stepping(settings(), seeds, act, device="cuda")  # where the robots are on the processor
+    assert set(seen) == {robots}
 
 
 def test_evaluations_are_counted_in_control_steps_of_training():

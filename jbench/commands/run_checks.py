@@ -1,10 +1,11 @@
 """What train and sweep check, and warn of, before they train runs."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from jbench.commands import output
 from jbench.devices import slowdown_of_bfloat16
 from jbench.names import KeepState
+from jbench.settings.defaults import chosen
 from jbench.settings.run import RunSettings
 from jbench.tasks.find import find_task
 from jbench.training.continuation import check_state_can_be_kept
@@ -15,8 +16,8 @@ _NOTABLE_SLOWDOWN = 1.1  # a smaller one may be noise
 def check_runs(runs: Sequence[RunSettings], keep_state: KeepState, device: str | None) -> None:
     """Checks that runs, one of each configuration, can be kept.
 
-    Warns of unexpected lengths, and of a precision that this machine's device, such as cpu, is slow
-    in; the device is None if other machines train.
+    Warns of unexpected lengths, of hyperparameters without effect, and of a precision that this
+    machine's device, such as cpu, is slow in; the device is None if other machines train.
     """
     if keep_state != "no":
         check_state_can_be_kept(runs, keep_state)
@@ -24,9 +25,10 @@ def check_runs(runs: Sequence[RunSettings], keep_state: KeepState, device: str |
     if device == "cpu" and any(run.precision == "bfloat16" for run in runs):
         _warn_of_slow_bfloat16()
 
-    sentences = []
+    sentences = list[str]()
     for run in runs:
         output.note_task(find_task(run.task))
+        sentences += _without_effect(run)
 
     for run in (run for run in runs if run.algorithm.knows_rollouts):
         end = run.last_step
@@ -48,6 +50,14 @@ def check_runs(runs: Sequence[RunSettings], keep_state: KeepState, device: str |
 
     for sentence in dict.fromkeys(sentences):
         output.warn(sentence)
+
+
+def _without_effect(run: RunSettings) -> Iterator[str]:
+    """Yields a sentence for each hyperparameter that was chosen and changes nothing."""
+    needed = run.algorithm.without_effect()
+    for name in chosen(run).hyperparameters:
+        if name in needed:
+            yield f"{name} of {run.algo} has no effect without {needed[name]}."
 
 
 def _ends_with_evaluation(run: RunSettings) -> bool:

@@ -92,11 +92,13 @@ class RunSettings(TrainedSettings):
             )
 
         if not ENGINES[self.engine].has_options:
-            given = [*self.hyperparameters]
-            if self.parallel is not None:
-                given.append("environments")
+            if self.parallel is not None and algorithm.shares_updates:
+                raise ValueError(
+                    "environments is a setting of the batched engine: choose that engine, or "
+                    f"{algorithm.instead_of_environments}"
+                )
 
-            unknown = algorithm.only_batched(given)
+            unknown = algorithm.only_batched([*self.hyperparameters])
             if unknown:
                 raise ValueError(
                     f"stable-baselines3 has no {', '.join(unknown)}: choose the batched engine, or "
@@ -141,9 +143,10 @@ class RunSettings(TrainedSettings):
 
         if not (self.algorithm.learns_features and ENGINES[self.engine].has_options):
             # PPO keeps no transitions to learn features from.
+            advice = "the engine batched" if self.algorithm.learns_features else "td3"
             raise ValueError(
                 f"{name} is for DDPG, TD3 and SAC of the batched engine, not for {self.algo} of "
-                f"the engine {self.engine}; choose td3, or another representation"
+                f"the engine {self.engine}; choose {advice}, or another representation"
             )
 
         if self.encoder is not None:

@@ -100,8 +100,8 @@ def make_runs(
     """Returns the settings of one run per seed, whose encoders may have ids of their own.
 
     Raises a RequestError if a value is invalid, the steps are not enough for an episode, the
-    environments can't share the updates, or a class of stable-baselines3's interface refuses its
-    settings.
+    environments can't share the updates, or stable-baselines3, or a class with its interface,
+    refuses the settings.
     """
     fields["evaluate_every"], fields["evaluate_episodes"] = evaluation_schedule(
         fields["steps"],
@@ -141,12 +141,14 @@ def make_runs(
 def _check_agent(run: RunSettings) -> None:
     """Raises a RequestError if an agent of a run with its number of environments can't be made.
 
-    Others find out when they are made: the environments can't share the updates, or a class with
-    the interface of stable-baselines3 refuses its settings.
+    Others find out when they are made: the environments can't share the updates, or
+    stable-baselines3, or a class with its interface, refuses the settings.
     """
     settings = hyperparameters(run)
     if isinstance(settings, Algorithm):
         settings.check_environments(run.environments)
+        if run.engine == "sb3":
+            settings.check_stable_baselines3()
     elif run.engine == "sb3":
         from jbench.agents import sb3  # stable-baselines3 takes a second to import
 

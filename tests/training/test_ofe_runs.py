@@ -53,8 +53,8 @@ def test_ofe_is_part_of_settings_and_id(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"algo": "ppo"}, "ofe6 is for DDPG, TD3 and SAC of the batched engine, not for ppo"),
-        ({"engine": "sb3"}, "of the batched engine, not for td3 of the engine sb3"),
+        ({"algo": "ppo"}, "TD3 and SAC of the batched engine, not for ppo of .*; choose td3"),
+        ({"engine": "sb3"}, "not for td3 of the engine sb3; choose the engine batched, or"),
         ({"encoder": "face_direction/dae12/s00-0"}, "ofe6 learns from observations: it can't have"),
         ({"representation": "ofe7"}, "6 learned features are called ofe6"),
         ({"representation": "full"}, "6 learned features are called ofe6"),

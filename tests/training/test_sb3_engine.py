@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from jbench.agents import sb3
+from jbench.errors import RequestError
 from jbench.policies.saved import load_agent
 from jbench.settings.algorithms import Foreign
 from jbench.store import Results
@@ -154,6 +155,26 @@ def test_steps_between_learning_phases_are_those_of_two_environments(name, overr
 def test_standardization_that_vec_normalize_does_not_have_is_refused():
     with pytest.raises(ValueError, match="stable-baselines3 has no normalize_min_sd: choose the"):
         settings(overrides={"normalize": "running", "normalize_min_sd": 0.1})
+
+
+@pytest.mark.parametrize("batch_size", [1, 2])
+@pytest.mark.parametrize(("n_steps", "n_envs"), [(1, 1), (1, 2), (2, 1)])
+@pytest.mark.parametrize("normalize_advantage", [True, False])
+@pytest.mark.filterwarnings("ignore:You have specified a mini-batch size")
+def test_settings_that_stable_baselines3_refuses_are_refused_before_the_training(
+    batch_size, n_steps, n_envs, normalize_advantage
+):
+    chosen = {"batch_size": batch_size, "n_steps": n_steps, "n_envs": n_envs}
+    chosen["normalize_advantage"] = normalize_advantage
+    algorithm = settings("ppo", chosen).algorithm
+    env = sb3.DummyVecEnv([lambda: sb3.Spaces(16, 1)] * n_envs)
+    try:
+        sb3.build("ppo", algorithm, env, 0)
+    except AssertionError:
+        with pytest.raises(RequestError, match="advantages of at least two transitions"):
+            algorithm.check_stable_baselines3()
+    else:
+        assert algorithm.check_stable_baselines3() is algorithm
 
 
 @pytest.mark.parametrize(

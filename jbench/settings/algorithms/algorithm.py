@@ -14,11 +14,16 @@ class Algorithm(Settings):
         precisions: of the batched engine's matrix products, in which it learns.
         learns_features: whether the batched engine can learn features with it.
         knows_rollouts: whether its learning phases follow from its settings.
+        shares_updates: whether more environments share its updates, as those of the batched engine.
+        instead_of_environments: what to type instead of a number of environments that only the
+            batched engine has.
     """
 
     precisions: ClassVar[tuple[Precision, ...]] = ("float32", "tf32")
     learns_features: ClassVar[bool] = False
     knows_rollouts: ClassVar[bool] = False
+    shares_updates: ClassVar[bool] = False
+    instead_of_environments: ClassVar[str] = "leave it out"
 
     @classmethod
     def engines(cls, name: str) -> tuple[EngineName, ...]:
@@ -51,10 +56,18 @@ class Algorithm(Settings):
         """Returns those of the chosen settings that only the batched engine has, in order."""
         return []
 
+    def without_effect(self) -> dict[str, str]:
+        """Returns the names of settings without effect, each with the setting that it needs."""
+        return {}
+
     def obstacle_to_features(self) -> str:
         """Returns what prevents features from being learned with it, after their name, or ""."""
         return ""
 
     def check_environments(self, environments: int) -> Self:
         """Returns itself; a RequestError if `environments` can't share its updates."""
+        return self
+
+    def check_stable_baselines3(self) -> Self:
+        """Returns itself; a RequestError if stable-baselines3 refuses its settings."""
         return self

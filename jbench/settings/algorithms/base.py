@@ -64,6 +64,7 @@ class AlgorithmSettings(Algorithm):
     bases: ClassVar[Mapping[Base, Changes]] = {}
     precisions: ClassVar[tuple[Precision, ...]] = ("float32", "tf32", "bfloat16")
     knows_rollouts: ClassVar[bool] = True
+    shares_updates: ClassVar[bool] = True
 
     learning_rate: PositiveFloat = Field(1e-4, description="step size of Adam; Table 1")
     batch_size: Count = Field(256, description="size of a minibatch, in transitions; Table 1")
@@ -130,8 +131,15 @@ class AlgorithmSettings(Algorithm):
     def only_batched(self, chosen: Collection[str]) -> list[str]:
         """See `Algorithm.only_batched`; VecNormalize standardizes inputs."""
         in_vec_normalize = {"normalize", "normalize_clip", "normalize_epsilon"}
-        not_there = (self.omitted().keys() - in_vec_normalize) | {"environments"}
+        not_there = self.omitted().keys() - in_vec_normalize
         return sorted(not_there.intersection(chosen))
+
+    def without_effect(self) -> dict[str, str]:
+        """See `Algorithm.without_effect`."""
+        if self.normalize != "none":
+            return {}
+        of_running = ("clip", "min_sd", "epsilon", "start_count")
+        return {f"normalize_{name}": "normalize=running" for name in of_running}
 
     def obstacle_to_features(self) -> str:
         """See `Algorithm.obstacle_to_features`."""
@@ -201,6 +209,17 @@ class OffPolicySettings(AlgorithmSettings):
     def is_mirrored(self) -> bool:
         """See `Algorithm.is_mirrored`."""
         return self.mirror
+
+    def without_effect(self) -> dict[str, str]:
+        """See `Algorithm.without_effect`."""
+        needed = super().without_effect()
+        if self.action_noise != "ornstein-uhlenbeck":
+            for name in ("noise_theta", "noise_dt"):
+                needed[name] = "action_noise=ornstein-uhlenbeck"
+        if self.action_noise == "none":
+            for name in ("noise_mean", "noise_sigma"):
+                needed[name] = "action_noise=normal"
+        return needed
 
     def check_environments(self, environments: int) -> Self:
         """See `Algorithm.check_environments`."""

@@ -1,10 +1,11 @@
 """Settings of PPO."""
 
 from collections.abc import Mapping
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, Self
 
 from pydantic import Field, NonNegativeFloat, PositiveFloat
 
+from jbench.errors import RequestError
 from jbench.names import Base, Precision
 from jbench.settings.algorithms.base import (
     AlgorithmSettings,
@@ -25,6 +26,8 @@ class PPOSettings(AlgorithmSettings):
 
     # Its likelihood ratios would compare an old policy in float32 with a new one in bfloat16.
     precisions: ClassVar[tuple[Precision, ...]] = ("float32", "tf32")
+
+    instead_of_environments: ClassVar[str] = "type n_envs, a setting of ppo"
 
     bases: ClassVar[Mapping[Base, Changes]] = {
         "published": {},
@@ -103,6 +106,24 @@ class PPOSettings(AlgorithmSettings):
     def environments(self) -> int:
         """See `Algorithm.environments`."""
         return self.n_envs
+
+    def without_effect(self) -> dict[str, str]:
+        """See `Algorithm.without_effect`."""
+        needed = super().without_effect()
+        if self.clip_range_vf is None:
+            needed["value_loss"] = "a number as clip_range_vf"
+        return needed
+
+    def check_stable_baselines3(self) -> Self:
+        """See `Algorithm.check_stable_baselines3`."""
+        least = min(self.batch_size, self.n_steps * self.n_envs)
+        if self.normalize_advantage and least < 2:
+            raise RequestError(
+                "stable-baselines3 standardizes the advantages of at least two transitions: "
+                "batch_size, and n_steps times n_envs, must be 2 or more, or normalize_advantage "
+                "false."
+            )
+        return self
 
     def measurement(self, environments: int, device: str, updates: int) -> Measurement:
         """See `AlgorithmSettings.measurement`: a whole rollout, on a GPU the second one."""

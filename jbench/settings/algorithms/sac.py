@@ -48,3 +48,10 @@ class SACSettings(OffPolicySettings):
     target_update_interval: Count = Field(
         1, description="updates from one of the target networks to the next; stable-baselines 2"
     )
+
+    def without_effect(self) -> dict[str, str]:
+        """See `Algorithm.without_effect`."""
+        needed = super().without_effect()
+        if self.ent_coef != "auto":
+            needed["target_entropy"] = "ent_coef=auto"
+        return needed

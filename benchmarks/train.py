@@ -39,7 +39,7 @@ from statistics import fmean, median
 from typing import Any, NamedTuple
 
 from jbench.cores import ONE_THREAD
-from jbench.report.numbers import whole
+from jbench.numbers import whole
 
 HERE = Path(__file__).parent
 SBX = "sbx-rl==0.28.0"

@@ -10,7 +10,7 @@ from typer import Option
 from jbench import names, task_specs, typed_values
 from jbench.commands import options, output, parsing
 from jbench.errors import RequestError
-from jbench.report.numbers import whole
+from jbench.numbers import whole
 from jbench.settings.base import in_id
 from jbench.settings.records import EvaluationSettings
 from jbench.wording import counted

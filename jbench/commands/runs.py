@@ -10,7 +10,7 @@ from typer import Option
 from jbench import names
 from jbench.commands import options, output, parsing
 from jbench.errors import RequestError
-from jbench.report.numbers import whole
+from jbench.numbers import whole
 from jbench.wording import counted, duration, progress_text, repair_hint
 
 if TYPE_CHECKING:

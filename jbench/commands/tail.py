@@ -12,7 +12,7 @@ from typer import Option
 from jbench import names
 from jbench.commands import options, output, parsing
 from jbench.errors import WorkError
-from jbench.report.numbers import Form, one_decimal
+from jbench.numbers import Form, one_decimal
 from jbench.wording import are, counted, duration
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from jbench.commands.training_view import TrainingView
 from jbench.errors import ElsewhereError, WorkError
 from jbench.loggers.logger import copying_rows, make_logger
 from jbench.names import SWEEPS, KeepState
-from jbench.report.numbers import whole
+from jbench.numbers import whole
 from jbench.settings.base import task_and_representation
 from jbench.settings.evaluations import EVALUATION_EPISODES
 from jbench.settings.run import RunSettings

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from rich.progress import TaskID
 
 from jbench.commands.progress import LastReturns, Meters, sparkline
-from jbench.report.numbers import whole
+from jbench.numbers import whole
 from jbench.settings.run import RunSettings
 from jbench.training.events import (
     EpisodeEnded,

@@ -6,7 +6,7 @@ from typing import Any
 
 from jbench.commands import output
 from jbench.errors import RequestError
-from jbench.report.numbers import signed, texts
+from jbench.numbers import signed, texts
 from jbench.statistics.sequential import BLOCK
 from jbench.statistics.verdicts import ERROR_RATE
 from jbench.store import Results

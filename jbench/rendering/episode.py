@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont, ImageOps
 
+from jbench.numbers import one_decimal, whole
 from jbench.policies.find import ActingPolicy
 from jbench.task_specs import CONTROL_TIMESTEP
 from jbench.tasks.find import find_task
@@ -130,14 +131,14 @@ def video_picture(frame: Frame, title: str, note: str) -> Picture:
 
 def strip_picture(frame: Frame) -> Picture:
     """Returns a frame's image for a strip, with time and return in larger text."""
-    above = [f"{frame.time:.1f} s", f"return {frame.episode_return:.0f}"]
+    above = [f"{frame.time:.1f} s", f"return {whole(frame.episode_return)}"]
     return with_text(frame.picture, above, [], lines_in_height=11)
 
 
 def times(frame: Frame) -> str:
     """Returns time and return so far with a fixed width."""
     time = padded(f"{frame.time:.2f}", 5)
-    so_far = padded(f"{frame.episode_return:.1f}", 6)
+    so_far = padded(one_decimal(frame.episode_return), 6)
     return f"{time} s   return {so_far}"
 
 

@@ -1,9 +1,9 @@
 """Tables of what was compared: verdicts, planned decisions, two sides or methods, and claims."""
 
+from jbench.numbers import ratio, signed, steps
 from jbench.report.analysis.claim_frame import paper_claims
 from jbench.report.analysis.findings import SIMILAR_RETURN
 from jbench.report.frames import Frames
-from jbench.report.numbers import ratio, signed, steps
 from jbench.report.table import (
     ALGO,
     INTERVAL,

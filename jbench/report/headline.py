@@ -5,8 +5,8 @@ from collections.abc import Iterator, Mapping
 
 import pandas as pd
 
+from jbench.numbers import steps, whole
 from jbench.report.data.source_names import FILE
-from jbench.report.numbers import steps, whole
 from jbench.representation_names import FULL
 from jbench.statistics.verdicts import DECIDING_SEEDS
 from jbench.studies.quantities import FINAL_RETURN, SIMILAR, SPEED, UNDECIDED

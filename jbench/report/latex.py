@@ -19,8 +19,8 @@ from dataclasses import dataclass
 
 import pandas as pd
 
+from jbench.numbers import SIGNS, Form, decimals, texts
 from jbench.report.latex_characters import escaped
-from jbench.report.numbers import SIGNS, Form, decimals, texts
 from jbench.report.table import TASK, Column, FrameRow, Table
 
 _LONG_NAME = 16  # characters; a column with a longer text has lines

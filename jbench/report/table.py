@@ -16,7 +16,7 @@ import pyarrow as pa
 from pyarrow import csv
 
 from jbench.errors import RequestError
-from jbench.report.numbers import steps, whole, with_interval
+from jbench.numbers import steps, whole, with_interval
 from jbench.report.texts import clean, map_texts
 from jbench.wording import not_formula
 

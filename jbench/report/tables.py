@@ -2,6 +2,7 @@
 
 import pandas as pd
 
+from jbench.numbers import ratio, steps
 from jbench.report.analysis.scores import NORMALIZED
 from jbench.report.comparison_tables import (
     claims_table,
@@ -13,7 +14,6 @@ from jbench.report.data.source_names import FILE, OWN
 from jbench.report.data.untrained import as_agents
 from jbench.report.encoders import PREDICTED
 from jbench.report.frames import Frames
-from jbench.report.numbers import ratio, steps
 from jbench.report.once import once
 from jbench.report.table import (
     ALGO,

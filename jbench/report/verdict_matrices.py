@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from jbench.numbers import signed, texts
 from jbench.report.data.source_names import OWN
 from jbench.report.frames import Frames
-from jbench.report.numbers import signed, texts
 from jbench.report.once import once
 from jbench.statistics.verdicts import DECIDING_SEEDS
 from jbench.studies.quantities import FINAL_RETURN, QUANTITIES

@@ -11,6 +11,7 @@ from jbench.rendering.episode import (
     _font,
     broken,
     render_episode,
+    strip_picture,
     times,
     video_picture,
     with_text,
@@ -172,6 +173,23 @@ def test_each_line_shows_its_value(change, line):
 def test_numbers_have_fixed_width():
     assert times(frame()) == f"{PAD}2.50 s   return {PAD}{PAD}12.3"
     assert times(frame(10.0, 914.37)) == "10.00 s   return" + f" {PAD}914.4"
+
+
+@pytest.mark.parametrize(
+    ("episode_return", "running", "in_strip"),
+    [
+        (672.44, "672.4", "672"),
+        (-1234.56, "-1234.6", "-1,235"),
+        (0.3, "0.3", "0.3"),
+        (-0.0234, "-0.023", "-0.023"),
+        (2.5e12, "2.5e+12", "2.5e+12"),
+    ],
+)
+def test_returns_of_any_size_are_shown(episode_return, running, in_strip):
+    shown = frame(episode_return=episode_return)
+    assert times(shown).split()[-1].strip(PAD) == running
+    written = with_text(plain(), ["2.5 s", f"return {in_strip}"], [], lines_in_height=11)
+    np.testing.assert_array_equal(strip_picture(shown), written)
 
 
 def test_small_pictures_keep_legible_letters():

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jbench.report import numbers
+from jbench import numbers
 from jbench.report.frames import Frames
 from jbench.report.latex import to_latex
 from jbench.report.table import Table, number, plain, to_csv, to_markdown, with_ends

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from jbench.names import TASKS
+from jbench.numbers import whole, with_interval
 from jbench.report.data.untrained import (
     HAND_WRITTEN,
     RANDOM,
@@ -11,7 +12,6 @@ from jbench.report.data.untrained import (
     shipped_untrained,
     untrained_row,
 )
-from jbench.report.numbers import whole, with_interval
 from tests.documentation import ROOT
 
 EPISODES = 100

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from jbench.numbers import ratio, signed, whole, with_interval
 from jbench.report.analysis.findings import (
     OFF_POLICY_VARIES_MORE,
     SOLVED,
@@ -14,7 +15,6 @@ from jbench.report.analysis.findings import (
     VARIES_LESS,
     Finding,
 )
-from jbench.report.numbers import ratio, signed, whole, with_interval
 
 COLUMNS = [
     "claim",

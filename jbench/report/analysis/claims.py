@@ -12,6 +12,7 @@ from itertools import product
 import numpy as np
 
 from jbench.array_types import FloatArray
+from jbench.numbers import signed, steps, whole, with_interval
 from jbench.report.analysis.baselines import baseline_pairs
 from jbench.report.analysis.decisions import Study
 from jbench.report.analysis.findings import (
@@ -31,7 +32,6 @@ from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, seed_scores
 from jbench.report.data.configuration import Configuration, differing_in
 from jbench.report.data.scores import Scores
 from jbench.report.data.untrained import random_return
-from jbench.report.numbers import signed, steps, whole, with_interval
 from jbench.representation_names import FULL, REPRESENTATION, kind_in
 from jbench.settings.algorithms import display_name
 from jbench.settings.recorded import comparable

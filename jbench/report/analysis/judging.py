@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from jbench.report.numbers import decimals, end, fixed, signed, whole
+from jbench.numbers import decimals, end, fixed, signed, whole
 from jbench.statistics.verdicts import DECIDING_SEEDS, Evidence, corrected_level
 from jbench.studies.quantities import FINAL_RETURN, SIMILAR, UNDECIDED, Quantity
 

@@ -12,9 +12,9 @@ from matplotlib import ticker
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 
+from jbench.numbers import whole, with_interval
 from jbench.report import style
 from jbench.report.data.source_names import has_return_range, has_solved_return
-from jbench.report.numbers import whole, with_interval
 from jbench.report.style import Look, Looks
 from jbench.task_specs import SOLVED_RETURN
 

@@ -7,11 +7,11 @@ import pandas as pd
 from matplotlib import ticker
 from matplotlib.axes import Axes
 
+from jbench.numbers import ratio, whole, with_error
 from jbench.report import style
 from jbench.report.figures import marks
 from jbench.report.figures.chart import ROWS, Chart, Panel, by_task
 from jbench.report.frames import Frames
-from jbench.report.numbers import ratio, with_error
 from jbench.report.style import Look, Looks
 from jbench.statistics.verdicts import DECIDING_SEEDS
 from jbench.task_specs import highest_return
@@ -214,7 +214,7 @@ def predictions(frames: Frames) -> Chart:
             at = max(row["r2"], 0.0)
             if np.isfinite(row["low"]):
                 axes.plot([at, at], [row["low"], row["high"]], **look.ink)
-            tip = f"{row['label']}: {row['iqm']:.0f}, R² {ratio(row['r2'])}"
+            tip = f"{row['label']}: {whole(row['iqm'])}, R² {ratio(row['r2'])}"
             marks.add_points(axes, [at], [row["iqm"]], [tip], look, 6)
 
         axes.set(xlabel=f"R² of the {rows['quantity'].iloc[0]}", ylabel="final return")

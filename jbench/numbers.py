@@ -28,7 +28,7 @@ def whole(value: float) -> str:
 
 def one_decimal(value: float) -> str:
     """Formats the return of an episode, which is no estimate: with a decimal, as 672.4."""
-    return f"{value:.1f}" if abs(value) >= 1 else whole(value)
+    return f"{value:.1f}" if 1 <= abs(value) < _LARGE else whole(value)
 
 
 def signed(value: float) -> str:

@@ -24,7 +24,7 @@ _DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
 on_linux = pytest.mark.skipif(sys.platform != "linux", reason="other systems have other backends")
 
 
-# `tasks/test_dm.py` draws this robot and others without a setting.
+# `tasks/test_environment_tasks.py` draws this robot and others without a setting.
 @pytest.mark.slow
 @on_linux
 @pytest.mark.usefixtures("rendering")

@@ -16,7 +16,7 @@ from jbench.settings.specs import CODE_CHECKSUMS, MADE_BY_CODE, Specs
 from jbench.sources import source_files
 from jbench.task_specs import GYM, SUITE, SUITE_TASKS, TASK_GROUP
 from jbench.tasks import gym_registry
-from jbench.tasks.dm import DmTask
+from jbench.tasks.environment_task import EnvironmentTask
 from jbench.tasks.jitterbug.task import JitterbugTask
 from jbench.tasks.own_pictures import RENDER_MODE
 from jbench.tasks.task import Task
@@ -53,7 +53,7 @@ def find_task(name: str) -> Task:
         return _suite_task(name)
     if name.startswith(GYM):
         environment = gym_registry.find_environment(name)
-        return DmTask(
+        return EnvironmentTask(
             name,
             lambda seed: environment.make(),
             files=environment.files or None,
@@ -71,19 +71,19 @@ def find_task(name: str) -> Task:
     raise unknown_task(name)
 
 
-def _copied(task: DmTask) -> Any:
+def _copied(task: EnvironmentTask) -> Any:
     """Returns how a task is copied: by its name, since what makes environments can't be copied."""
     return find_task, (task.name,)
 
 
-copyreg.pickle(DmTask, _copied)
+copyreg.pickle(EnvironmentTask, _copied)
 
 
 @lru_cache(maxsize=64)
 def checked_task(name: str) -> Task:
-    """Returns a task after an episode of random actions; see `find_task` and `DmTask.check`."""
+    """Returns a task, see `find_task`, after `EnvironmentTask.check` if it is none of jbench's."""
     task = find_task(name)
-    if isinstance(task, DmTask):
+    if isinstance(task, EnvironmentTask):
         task.check()
     return task
 
@@ -177,7 +177,7 @@ def _module_and_rest(name: str) -> tuple[str, str]:
     return module, name.removeprefix(module).removeprefix(".") if module else ""
 
 
-def _suite_task(name: str) -> DmTask:
+def _suite_task(name: str) -> EnvironmentTask:
     """Returns a task of dm_control's suite."""
     if importlib.util.find_spec("dm_control") is None:
         raise RequestError(
@@ -192,10 +192,13 @@ def _suite_task(name: str) -> DmTask:
     if (domain, task) not in suite.ALL_TASKS or "jitterbug" in domain:
         raise unknown_task(name)
 
-    return DmTask(name, lambda seed: suite.load(domain, task, task_kwargs={"random": seed}))
+    def make(seed: int) -> Any:
+        return suite.load(domain, task, task_kwargs={"random": seed})
+
+    return EnvironmentTask(name, make)
 
 
-def _made_by(name: str, factory: Any, files: Mapping[str, str]) -> DmTask:
+def _made_by(name: str, factory: Any, files: Mapping[str, str]) -> EnvironmentTask:
     """Returns a task whose environments a function of the user makes."""
     if not callable(factory):
         raise RequestError(
@@ -209,7 +212,7 @@ def _made_by(name: str, factory: Any, files: Mapping[str, str]) -> DmTask:
     def make(seed: int, **more: Any) -> Any:
         return factory(random=seed, **more) if takes_random else factory(**more)
 
-    return DmTask(
+    return EnvironmentTask(
         name,
         make,
         takes_random=takes_random,

@@ -8,7 +8,7 @@ from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
 from jbench.errors import ERRORS_OF_OTHERS, RequestError, sentence_of_failure
-from jbench.tasks.gym_adapter import GymAdapter
+from jbench.tasks.gym_as_dm_env import GymAsDmEnv
 from jbench.tasks.robot_checksum import compiled_model
 from jbench.tasks.worlds import ModelAndData
 
@@ -28,7 +28,7 @@ def mujoco_physics(environment: Any) -> ModelAndData | None:
 
 def render_fps(environment: Any) -> float | None:
     """Returns the pictures per second, one for each control step, that an environment names."""
-    if not isinstance(environment, GymAdapter):
+    if not isinstance(environment, GymAsDmEnv):
         return None
     fps = (environment.env.metadata or {}).get("render_fps")
     return float(fps) if isinstance(fps, int | float) and 0 < fps < np.inf else None
@@ -36,7 +36,7 @@ def render_fps(environment: Any) -> float | None:
 
 def check_can_draw(task: str, environment: Any) -> None:
     """Raises a RequestError if an environment without physics has no pictures of its own."""
-    if not isinstance(environment, GymAdapter):
+    if not isinstance(environment, GymAsDmEnv):
         raise RequestError(
             f"{task} can't be drawn: it has no MuJoCo physics; return a gymnasium.Env whose render "
             "draws it."
@@ -51,7 +51,7 @@ def check_can_draw(task: str, environment: Any) -> None:
         )
 
 
-def check_draws(task: str, environment: GymAdapter) -> None:
+def check_draws(task: str, environment: GymAsDmEnv) -> None:
     """Raises a RequestError if an environment that can draw was made without its pictures."""
     mode = environment.env.render_mode
     if mode != RENDER_MODE:
@@ -61,7 +61,7 @@ def check_draws(task: str, environment: GymAdapter) -> None:
         )
 
 
-def own_picture(task: str, environment: GymAdapter) -> NDArray[np.uint8]:
+def own_picture(task: str, environment: GymAsDmEnv) -> NDArray[np.uint8]:
     """Returns the picture (height, width, 3) of an environment as a new array.
 
     Raises a RequestError if its `render` fails, lacks a package, or returns anything else.

@@ -1,4 +1,4 @@
-"""What worlds read of the time steps of `dm_env` environments, and what they refuse in them."""
+"""What `EnvironmentWorlds` read of the time steps of environments, and what they refuse."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jbench.tasks.environment_task import EnvironmentTask
+from jbench.tasks.environment_maker import EnvironmentMaker
 from jbench.wording import counted
 
 _ROUNDING = 1e-6  # by which rewards may exceed [0, 1]
@@ -28,7 +28,7 @@ class End(NamedTuple):
 class TimeStepReader:
     """Reads the time steps of the environments of a task; a FlawError says what is wrong."""
 
-    def __init__(self, task: EnvironmentTask) -> None:
+    def __init__(self, task: EnvironmentMaker) -> None:
         """Has the task, which says what time steps must be like."""
         self._task = task
         self._names = list(task.parts)

@@ -8,7 +8,7 @@ from jbench.datasets import collect, fixed, plan_dataset
 from jbench.errors import RequestError, WorkError
 from jbench.settings.records import DatasetSettings, dataset_robot
 from jbench.store import Results
-from jbench.tasks.dm_worlds import DmWorlds
+from jbench.tasks.environment_worlds import EnvironmentWorlds
 from jbench.tasks.find import find_task
 from tests.short_episodes import shorten_episodes
 
@@ -55,13 +55,13 @@ def test_simulation_of_another_robot_stops_with_the_collection(tmp_path, monkeyp
     calls = []
 
     def noted(name):
-        method = getattr(DmWorlds, name)
+        method = getattr(EnvironmentWorlds, name)
 
         def call(*arguments):
             calls.append(name)
             return method(*arguments)
 
-        monkeypatch.setattr(DmWorlds, name, call)
+        monkeypatch.setattr(EnvironmentWorlds, name, call)
 
     noted("step")
     noted("close")

@@ -6,7 +6,7 @@ import pytest
 
 from jbench.errors import RequestError, WorkError
 from jbench.settings.records import DatasetSettings, dataset_robot
-from jbench.tasks import dm_specification
+from jbench.tasks import environment_specification
 from jbench.tasks.find import checked_task, code_provenance, find_task
 from jbench.tasks.gym_registry import find_environment
 from jbench.tasks.task import DOES_NOT_REPEAT
@@ -132,7 +132,7 @@ def test_environment_that_is_refused(name, sentence):
     ],
 )
 def test_environment_without_a_limit_is_refused_with_what_to_add(name, advice, monkeypatch):
-    monkeypatch.setattr(dm_specification, "_MOST_MEASURED", 1000)
+    monkeypatch.setattr(environment_specification, "_MOST_MEASURED", 1000)
     with pytest.raises(RequestError) as raised:
         find_task(name)
     assert str(raised.value) == (

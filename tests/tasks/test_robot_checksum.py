@@ -6,7 +6,7 @@ import pytest
 
 from jbench.store import Results
 from jbench.store.shipped import shipped
-from jbench.tasks.dm import DmTask
+from jbench.tasks.environment_task import EnvironmentTask
 from jbench.tasks.find import find_task
 from jbench.tasks.robot_checksum import older_robot_checksum, physical_fields, robot_checksum
 from tests.training.small_runs import small_run
@@ -201,7 +201,7 @@ def arm_run(timestep=0.01, files=("task.py",), **changes):
         physics = Physics.from_xml_string(ARM.format(**{**PLAIN, **changes}))
         return Control(physics, Still(random=seed), control_timestep=timestep, time_limit=10)
 
-    task = DmTask("arm:make", make, files=dict.fromkeys(files, "1"))
+    task = EnvironmentTask("arm:make", make, files=dict.fromkeys(files, "1"))
     lengths = {"steps": 1000, "evaluate_every": 1000, "evaluate_episodes": 1}
     return small_run("td3", {}, task="arm:make", specs=task.specs, **lengths)
 

@@ -1,6 +1,7 @@
-"""What a `dm_env` environment says of itself: its observation, the bounds of its actions, its time.
+"""What an environment with the methods of `dm_env.Environment` says of itself.
 
-An UnusableError says, as a clause, why jbench can't use an environment.
+This is its observation, the bounds of its actions, and its time limit. An UnusableError says, as a
+clause, why jbench can't use an environment.
 """
 
 import math
@@ -23,7 +24,7 @@ class UnusableError(Exception):
     """Why jbench can't use an environment, as a clause without a full stop."""
 
 
-class Bounds(NamedTuple):
+class CommandBounds(NamedTuple):
     """The bounds of the commands to the actuators, in the environment's units."""
 
     minimum: NDArray[np.float64]  # (action_size,)
@@ -86,7 +87,7 @@ def _sizes_without_arrays(environment: Any) -> dict[str, int] | None:
     return None if has_arrays_only else sizes
 
 
-def read_bounds(environment: Any) -> Bounds:
+def read_bounds(environment: Any) -> CommandBounds:
     """Returns the bounds of the actions.
 
     Raises an UnusableError if actions are no vector of real numbers, or one has no bounds.
@@ -115,7 +116,7 @@ def read_bounds(environment: Any) -> Bounds:
             "finite bounds, which jbench scales to [-1, 1]"
         )
 
-    return Bounds(minimum, maximum)
+    return CommandBounds(minimum, maximum)
 
 
 def declared_limit(environment: Any) -> int | None:
@@ -140,7 +141,7 @@ def advice_on_limit(task: str, is_gymnasium: bool) -> str:
     return "give it the attribute episode_steps, the control steps of its time limit"
 
 
-def measured_limit(environment: Any, bounds: Bounds, advice: str) -> int:
+def measured_limit(environment: Any, bounds: CommandBounds, advice: str) -> int:
     """Returns the control steps after which an environment truncates an episode.
 
     The commands of the episode are halfway between the bounds. Raises an UnusableError with the

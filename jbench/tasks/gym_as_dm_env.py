@@ -18,7 +18,7 @@ from gymnasium import spaces
 from gymnasium.wrappers import NormalizeObservation, NormalizeReward, TimeLimit
 from numpy.typing import NDArray
 
-from jbench.tasks.dm_specification import UnusableError
+from jbench.tasks.environment_specification import UnusableError
 
 
 class Spec(NamedTuple):
@@ -43,7 +43,7 @@ class TimeStep(NamedTuple):
         return self.has_ended
 
 
-class GymAdapter:
+class GymAsDmEnv:
     """A Gymnasium environment whose episodes are seeded by `reseed`."""
 
     def __init__(self, env: gymnasium.Env[Any, Any], seed: int = 0) -> None:

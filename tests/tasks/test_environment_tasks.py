@@ -15,7 +15,7 @@ from gymnasium.error import ResetNeeded
 import jbench.tasks  # noqa: F401 - registers the environments
 from jbench.errors import RequestError, WorkError
 from jbench.task_specs import EPISODE_STEPS, SUITE_TASKS
-from jbench.tasks.dm_specification import Bounds
+from jbench.tasks.environment_specification import CommandBounds
 from jbench.tasks.find import check_specs, checked_task, find_task
 from jbench.tasks.gym import RobotEnv
 from tests.third_party_task import own_tasks
@@ -105,7 +105,7 @@ def test_actions_of_own_task_are_scaled_and_its_seed_is_used():
 
 def test_commands_are_never_beyond_the_bounds():
     """In float64, -0.1 + 2 * ((0.3 - -0.1) / 2) is 0.30000000000000004."""
-    bounds = Bounds(np.array([-0.1]), np.array([0.3]))
+    bounds = CommandBounds(np.array([-0.1]), np.array([0.3]))
     commands = bounds.commands(np.array([[-2.0], [-1.0], [0.0], [1.0], [2.0]]))
     assert commands[[0, 1, 3, 4], 0].tolist() == [-0.1, -0.1, 0.3, 0.3]
     assert commands[2, 0] == pytest.approx(0.1, abs=1e-15)

@@ -1,4 +1,4 @@
-"""Episodes of `dm_env` environments, side by side.
+"""Episodes of the environments of an `EnvironmentTask`, side by side.
 
 They are begun and stepped by the environment's own `reset` and `step`, one world after another:
 observation and reward are Python, so threads would be slower. The state of an episode is its seed
@@ -15,17 +15,17 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from jbench.errors import ERRORS_OF_OTHERS, WorkError, WorkWarning, sentence_of_failure
-from jbench.tasks.dm_specification import UnusableError
-from jbench.tasks.environment_task import EnvironmentTask
+from jbench.tasks.environment_maker import EnvironmentMaker
+from jbench.tasks.environment_specification import UnusableError
 from jbench.tasks.own_pictures import check_can_draw, check_draws, mujoco_physics, own_picture
 from jbench.tasks.time_steps import FlawError, TimeStepReader
 from jbench.tasks.worlds import Chosen, EndingWorlds, EpisodeError, ModelAndData, WorldsState
 
 
-class DmWorlds(EndingWorlds):
+class EnvironmentWorlds(EndingWorlds):
     """Environments of one task, stepped one after another."""
 
-    def __init__(self, task: EnvironmentTask, count: int, *, draws: bool = False) -> None:
+    def __init__(self, task: EnvironmentMaker, count: int, *, draws: bool = False) -> None:
         """Makes the environments, which have no episode yet, and may draw themselves."""
         self._task = task
         self._reader = TimeStepReader(task)
@@ -157,7 +157,7 @@ class DmWorlds(EndingWorlds):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Returns how a copy is made, which has no episode before its first reset."""
-        return partial(DmWorlds, draws=self._draws), (self._task, len(self.environments))
+        return partial(EnvironmentWorlds, draws=self._draws), (self._task, len(self.environments))
 
     def _is_over(self, world: int) -> bool:
         """Returns whether a world is not stepped until its next episode."""

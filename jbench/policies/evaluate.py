@@ -116,9 +116,13 @@ def _episodes(
 ) -> dict[str, pa.Table]:
     """Returns the rows of some episodes that are stepped side by side."""
     generators = [episode_generator(settings.seed, episode) for episode in episodes]
-    observations = worlds.reset(generators, settings.target_yaw)
+    chosen = {}
+    if settings.target_yaw is not None:
+        chosen["yaw"] = np.full(len(episodes), settings.target_yaw)
+
+    observations = worlds.reset(generators, chosen)
     unknown = [None] * len(episodes)
-    targets = worlds.whole_targets()
+    targets = worlds.targets()
     target = {f"target_{name}": targets.get(name, unknown) for name in ("x", "y", "yaw")}
     total = np.zeros(len(episodes))
     states: list[pa.Table] = []

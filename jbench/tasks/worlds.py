@@ -106,16 +106,14 @@ class Worlds(AbstractContextManager["Worlds"]):
         """Releases what the worlds hold: nothing by default, since threads end with the object."""
 
     def reset(
-        self, generators: Sequence[Generator], yaw: float | None = None
+        self, generators: Sequence[Generator], chosen: Chosen | None = None
     ) -> NDArray[np.float32]:
         """Begins an episode in each world and returns the observations (worlds, size).
 
-        All random numbers of a world are drawn from its generator, which others may share. `yaw`
-        (rad) is that of all targets, if the task records states; None for drawn ones.
+        All random numbers of a world are drawn from its generator, which others may share, except
+        those that are `chosen`, see `begin`.
         """
-        count = len(generators)
-        chosen = {} if yaw is None else {"yaw": np.full(count, yaw)}
-        return self.begin(range(count), generators, chosen)
+        return self.begin(range(len(generators)), generators, chosen)
 
     @abstractmethod
     def begin(
@@ -195,11 +193,10 @@ class Worlds(AbstractContextManager["Worlds"]):
         return None
 
     def targets(self) -> dict[str, NDArray[np.float64]]:
-        """Returns the random numbers of the targets by name, each (worlds,)."""
-        return {}
+        """Returns x, y (m) and yaw (rad) of the targets by name, each (worlds,), if there are any.
 
-    def whole_targets(self) -> dict[str, NDArray[np.float64]]:
-        """Returns x, y (m) and yaw (rad) of the targets by name, also those that are not drawn."""
+        Those in `Task.drawn` are random, the others 0.
+        """
         return {}
 
     def robot_columns(self) -> dict[str, NDArray[np.float32]]:

@@ -150,7 +150,7 @@ def evaluate_policies(
     for done in range(0, episodes, block):
         count = min(block, episodes - done)
         with task.worlds(count * len(seeds), threads, augment) as worlds:
-            blocks.append(_evaluations(worlds, generators, count, act))
+            blocks.append(_evaluations(task, worlds, generators, count, act))
 
     evaluations = []
     for parts in zip(*blocks, strict=True):
@@ -184,7 +184,11 @@ def _act_alone(act: Act, observations: NDArray[Any]) -> NDArray[Any]:
 
 
 def _evaluations(
-    worlds: Worlds, generators: Sequence[np.random.Generator], episodes: int, act: Act
+    task: Task,
+    worlds: Worlds,
+    generators: Sequence[np.random.Generator],
+    episodes: int,
+    act: Act,
 ) -> list[Evaluation]:
     """Returns one evaluation for each generator, of episodes that are simulated side by side."""
     total = np.zeros(len(generators) * episodes)
@@ -206,7 +210,7 @@ def _evaluations(
         path = None
         of_first_robot = [point[first] for point in points if point is not None]
         if of_first_robot:
-            target = {name: float(numbers[first]) for name, numbers in targets.items()}
+            target = {name: float(targets[name][first]) for name in task.drawn}
             path = RobotPath(np.stack(of_first_robot), target)
 
         failures = [

@@ -131,12 +131,7 @@ class JitterbugWorlds(Worlds):
         return {name: np.asarray(values, np.float32) for name, values in columns.items()}
 
     def targets(self) -> dict[str, NDArray[np.float64]]:
-        """Returns x, y (m) and yaw (rad) of the targets, those that the task draws."""
-        numbers = resets.target_numbers(self._task, self.target).T
-        return dict(zip(TASK_SPECS[self._task].drawn, numbers, strict=True))
-
-    def whole_targets(self) -> dict[str, NDArray[np.float64]]:
-        """Returns x, y (m) and yaw (rad) of the targets, also those that are not drawn."""
+        """Returns x, y (m) and yaw (rad) of the targets; see `Worlds.targets`."""
         position, yaw = self.target
         return {"x": position[:, 0], "y": position[:, 1], "yaw": yaw}
 

@@ -4,17 +4,17 @@
 exclude the null value, or to lie within a margin, and a permutation test has to confirm it at the
 same level, since bootstrap intervals of few seeds are too narrow at small levels.
 
-`corrected_level` gives the level of comparisons that share an error rate, by Holm's step-down
-procedure (S. Holm, *A simple sequentially rejective multiple test procedure*, Scand. J. Statist. 6,
-1979): 5% over the number of comparisons, then over the number of those in which neither
-configuration is larger, and so on. It holds for the p-values, whatever the intervals are.
+`corrected_verdicts` judges comparisons that share an error rate, by Holm's step-down procedure
+(S. Holm, *A simple sequentially rejective multiple test procedure*, Scand. J. Statist. 6, 1979): at
+5% over the number of comparisons, then over the number of those in which neither configuration is
+larger, and so on. It holds for the p-values, whatever the intervals are.
 
 A comparison that is tested again after each block of seeds needs another rule, `step_down`.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -61,7 +61,8 @@ class Evidence:
     def verdict(self, level: float) -> Verdict:
         """Returns the verdict at a two-sided level, such as 0.05.
 
-        An interval that excludes the null value but lies within the margin is one of equality.
+        An interval that excludes the null value but lies within the margin is one of equality,
+        unless the permutation test does not confirm that.
         """
         if not self.is_decidable:
             return "undecided"
@@ -70,7 +71,8 @@ class Evidence:
         if low > self.null_value - self.margin and high < self.null_value + self.margin:
             # Two tests: that the number is at or beyond the one end of the margin, or the other.
             p_of_equality = max(self.p_value(-self.margin), self.p_value(self.margin))
-            return "equal" if p_of_equality <= level else "undecided"
+            if p_of_equality <= level:
+                return "equal"
 
         if np.isnan(low) or low <= self.null_value <= high or self.p_value(0.0) > level:
             return "undecided"
@@ -78,17 +80,37 @@ class Evidence:
         return "larger" if low > self.null_value else "smaller"
 
 
-def corrected_level(family: Sequence[Evidence]) -> float:
-    """Returns the level of the last step of Holm's procedure; `ERROR_RATE` if none is decidable.
+class Corrected(NamedTuple):
+    """The outcome of Holm's procedure.
+
+    Attributes:
+        verdicts: on each comparison of the family.
+        level: that of the last step; `ERROR_RATE` if no comparison is decidable.
+    """
+
+    verdicts: list[Verdict]
+    level: float
+
+
+def corrected_verdicts(family: Sequence[Evidence]) -> Corrected:
+    """Returns the verdicts of Holm's procedure on comparisons, and the level of its last step.
 
     As in `step_down`, a comparison that is equal within the margin keeps its share: there may be no
-    difference, which an interval at a larger level could then exclude.
+    difference, which an interval at a larger level could then exclude. One with a direction has
+    passed its share on, so it keeps this verdict if at a larger level it would be equal.
     """
-    decidable = [evidence for evidence in family if evidence.is_decidable]
+    verdicts: list[Verdict] = ["undecided"] * len(family)
     level = 0.0
-    left = len(decidable)
+    left = sum(evidence.is_decidable for evidence in family)
     while left and ERROR_RATE / left > level:
         level = ERROR_RATE / left
-        left = sum(evidence.verdict(level) not in DIRECTIONS for evidence in decidable)
+        verdicts = [
+            verdict if verdict in DIRECTIONS else evidence.verdict(level)
+            for verdict, evidence in zip(verdicts, family, strict=True)
+        ]
+        left = sum(
+            evidence.is_decidable and verdict not in DIRECTIONS
+            for verdict, evidence in zip(verdicts, family, strict=True)
+        )
 
-    return level or ERROR_RATE
+    return Corrected(verdicts, level or ERROR_RATE)

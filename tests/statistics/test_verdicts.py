@@ -4,11 +4,12 @@ from functools import partial
 
 import numpy as np
 import pytest
+import scipy.stats
 
 from jbench.statistics import bootstrap as st
 from jbench.statistics.bootstrap import Estimate
 from jbench.statistics.permutation import p_value
-from jbench.statistics.verdicts import Evidence, corrected_level
+from jbench.statistics.verdicts import Evidence, corrected_verdicts
 
 
 def evidence(low, high, p=0.0, seeds=6, **more):
@@ -41,6 +42,14 @@ def test_null_value_of_a_probability_is_a_half():
     intervals = ((0.51, 1), (0.5, 1), (0, 0.49), (0.1, 0.9))
     found = [evidence(*interval, null_value=0.5).verdict(0.05) for interval in intervals]
     assert found == ["larger", "undecided", "smaller", "undecided"]
+
+
+def test_equality_that_is_not_confirmed_leaves_the_direction():
+    # Within the margin and above 0; that it is no 50 has a p-value of 0.3.
+    near = Estimate(38, 28, 48)
+    found = Evidence(lambda confidence: near, {0: 0.001, -50: 0.3, 50: 0.001}.get, 10, margin=50)
+    assert found.verdict(0.05) == "larger"
+    assert found.verdict(0.0009) == "undecided"
 
 
 @pytest.mark.parametrize(("low", "high", "margin"), [(1, 90, 0), (-90, -1, 0), (-49, 49, 50)])
@@ -86,15 +95,19 @@ def _p_value(ours, theirs, shift):
     return p_value([ours + shift], [theirs])
 
 
+def level_of(family):
+    return corrected_verdicts(family).level
+
+
 def test_error_rate_is_divided_by_the_comparisons_that_are_left():
     # Comparisons that are decided at two-sided rates from 0.001, 0.02, 0.024 on, and never.
     family = [evidence(1, 2, p) for p in (0.001, 0.02, 0.024, 1)]
     # 0.05 / 4 decides the first, 0.05 / 3 none of the others.
-    assert corrected_level(family) == pytest.approx(0.05 / 3)
+    assert level_of(family) == pytest.approx(0.05 / 3)
     # 0.05 / 3 decides two of three, and 0.05 the last one.
     family = [evidence(1, 2, p) for p in (0.001, 0.016, 0.04)]
-    assert corrected_level(family) == pytest.approx(0.05)
-    assert corrected_level([]) == 0.05
+    assert level_of(family) == pytest.approx(0.05)
+    assert level_of([]) == 0.05
 
 
 def test_comparisons_without_enough_seeds_or_that_are_equal():
@@ -103,6 +116,26 @@ def test_comparisons_without_enough_seeds_or_that_are_equal():
     larger = evidence(1, 2)
     equal = evidence(-1, 1, margin=50)
     undecided = evidence(-1, 1)
-    assert corrected_level([few, undecided, undecided]) == 0.05 / 2
-    assert corrected_level([larger, undecided, undecided]) == 0.05 / 2
-    assert corrected_level([equal, undecided, undecided]) == 0.05 / 3
+    assert level_of([few, undecided, undecided]) == 0.05 / 2
+    assert level_of([larger, undecided, undecided]) == 0.05 / 2
+    assert level_of([equal, undecided, undecided]) == 0.05 / 3
+
+
+def test_a_direction_that_has_passed_its_share_on_stays():
+    """Else a difference of 50 was equal in 2.5%, beside errors in 5% of the other comparison."""
+
+    def normal(value, margin=0.0):  # of a standard error of 10
+        def estimate(confidence):
+            half = 10 * scipy.stats.norm.ppf((1 + confidence) / 2)
+            return Estimate(value, value - half, value + half)
+
+        def p_value(shift):
+            return 2 * scipy.stats.norm.sf(abs(value + shift) / 10)
+
+        return Evidence(estimate, p_value, seeds=6, margin=margin)
+
+    # [7.6, 52.4] at 0.05 / 2, and [10.4, 49.6] at 0.05.
+    near = normal(30, margin=50)
+    assert [near.verdict(level) for level in (0.025, 0.05)] == ["larger", "equal"]
+    assert corrected_verdicts([near]).verdicts == ["equal"]
+    assert corrected_verdicts([near, normal(0)]).verdicts == ["larger", "undecided"]

@@ -17,7 +17,7 @@ from jbench.settings.recorded import comparable
 from jbench.settings.variants import variant_labels
 from jbench.statistics import bootstrap as st
 from jbench.statistics.permutation import p_value
-from jbench.statistics.verdicts import DECIDING_SEEDS, DIRECTIONS, Evidence, corrected_level
+from jbench.statistics.verdicts import DECIDING_SEEDS, DIRECTIONS, Evidence, corrected_verdicts
 from jbench.studies.quantities import FINAL_RETURN
 
 PAIRS = ["task", "returns", "a", "b", "a_label", "b_label", "p", "low", "high", "decided", "steps"]
@@ -179,22 +179,23 @@ def pair_frame(configurations: Configurations, verdicts: pd.DataFrame) -> pd.Dat
     for pair in combinations((c for c in configurations if not c.robots), 2):
         # Resampled in an order of their own, so that the order on the page changes no number.
         first, other = sorted(pair, key=lambda c: (c.representation != FULL, c.representation))
-        sides = Pair(first, other)
+        scored = Pair(first, other)
         is_alike = first.task == other.task and first.trained == other.trained
-        if is_alike and sides.seeds >= DECIDING_SEEDS:
-            compared[first, other] = sides.improvement()
+        if is_alike and scored.seeds >= DECIDING_SEEDS:
+            compared[first, other] = scored.improvement()
 
-    level = corrected_level([*compared.values()])
+    judged, _ = corrected_verdicts([*compared.values()])
 
     final = verdicts[verdicts["claim"] == FINAL_RETURN.claim]
     names = map(frozenset, zip(final["configuration"], final["baseline"], strict=True))
     known = dict(zip(names, final["verdict"].isin(FINAL_RETURN.directions), strict=True))
 
     rows = []
-    for (first, other), evidence in compared.items():
+    for (sides, evidence), verdict in zip(compared.items(), judged, strict=True):
+        first, other = sides
         p, low, high, _ = evidence.estimate(0.95)
         key = frozenset((first.configuration, other.configuration))
-        decided = known.get(key, evidence.verdict(level) in DIRECTIONS)
+        decided = known.get(key, verdict in DIRECTIONS)
         both = (first, other, p, low, high), (other, first, 1 - p, 1 - high, 1 - low)
         for a, b, *numbers in both:
             labels = a.task, a.returns_name, a.configuration, b.configuration, a.label, b.label

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from jbench.numbers import decimals, end, fixed, signed, whole
-from jbench.statistics.verdicts import DECIDING_SEEDS, Evidence, corrected_level
+from jbench.statistics.verdicts import DECIDING_SEEDS, Evidence, corrected_verdicts
 from jbench.studies.quantities import FINAL_RETURN, SIMILAR, UNDECIDED, Quantity
 
 SEQUENTIAL = "sequential test"
@@ -132,14 +132,14 @@ def _range(least: float, most: float) -> str:
 
 def judge(family: Sequence[Comparison]) -> list[Judgment]:
     """Judges comparisons by the same quantity, each corrected for the others."""
-    level = corrected_level([comparison.evidence for comparison in family])
+    verdicts, level = corrected_verdicts([comparison.evidence for comparison in family])
     count = sum(comparison.evidence.is_decidable for comparison in family)
     corrected_by = f"Holm, {count} comparisons" if count > 1 else ""
 
     judgments = []
-    for comparison in family:
+    for comparison, verdict in zip(family, verdicts, strict=True):
         evidence = comparison.evidence
-        word = comparison.quantity.word(evidence.verdict(level))
+        word = comparison.quantity.word(verdict)
         _, low, high, _ = evidence.estimate(1 - level)
         by = corrected_by if evidence.is_decidable else _TOO_FEW
         judgments.append(Judgment(word, low, high, by))

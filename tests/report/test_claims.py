@@ -9,6 +9,7 @@ import pytest
 from jbench.report.analysis.claims import examine, examine_solving
 from jbench.report.analysis.findings import ClaimVerdict, claim_verdict
 from jbench.report.data.untrained import random_return
+from jbench.report.reading import use_margin
 from jbench.statistics.bootstrap import Estimate
 
 
@@ -74,6 +75,42 @@ def test_larger_gain_on_harder_task(fabric, easier, gain, gain_on_harder, verdic
     assert (found.decided.verdict, found.decided.seeds_needed) == (verdict, None)
     assert remark in found.remark
     assert ("gained" in found.remark or "random" in found.remark) == bool(remark)
+
+
+def test_gains_on_two_tasks_are_compared_up_to_one_control_step(fabric):
+    # All learn after 40 episodes, and those on the easier task go on for twice as long.
+    for gain, name in ((0, "full"), (100, "dae12")):
+        fabric.learn(NARROW + gain, task="move_in_direction", representation=name)
+        for seed, final in enumerate(NARROW + gain):
+            fabric.run(np.repeat([0.0, final], [40, 120]), seed, representation=name)
+
+    (found,) = findings(fabric, "d")
+    assert found.effect.value == pytest.approx(0.5 * 100 - 0.5 * 100)
+    assert (found.decided.verdict, found.steps) == ("undecided", 80_000)
+    assert found.remark == "at 80k of 160k control steps, the last that every seed has"
+
+
+def test_agents_without_finite_returns_have_no_gain(fabric):
+    for task in ("face_direction", "move_in_direction"):
+        fabric.learn(NARROW, task=task)
+        fabric.learn([np.nan] * 6, task=task, representation="dae12", status="failed")
+    (found,) = findings(fabric, "d")
+    assert found.remark == "no verdict, some agents have no finite return"
+
+
+def test_no_return_is_similar_where_nothing_says_how_near_it_must_be(fabric):
+    for gain, name in ((0, "full"), (100, "dae12")):
+        fabric.learn(NARROW + gain, task="gym:Reacher-v5", representation=name)
+
+    (found,) = findings(fabric, "a")
+    assert found.effect.value == pytest.approx(100)
+    assert found.decided == ClaimVerdict("undecided")
+    assert found.remark.endswith("type --margin")
+
+    configurations, _ = fabric.configurations()
+    use_margin(configurations, 150.0)
+    (found, *_) = examine(configurations)
+    assert (found.decided.verdict, found.remark) == ("supported", "")
 
 
 @pytest.mark.parametrize(("swing", "verdict"), [(0.0, "supported"), (250.0, "undecided")])

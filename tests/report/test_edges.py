@@ -60,6 +60,15 @@ def test_run_with_only_nan_returns_is_reported(fabric):
     assert found(fabric).headline == "There are no returns yet."
 
 
+def test_profile_beside_agents_with_only_nan_returns_has_the_range_of_the_others(fabric):
+    fabric.flat([math.nan] * 3, task="gym:Reacher-v5")
+    fabric.flat([-8.0, -6.0, -4.0], task="gym:Reacher-v5", representation="dae12")
+    profile = found(fabric).profiles
+    assert [profile["final_return"].min(), profile["final_return"].max()] == [-8, -4]
+    # Two of three seeds are above -7.
+    assert profile.set_index("final_return").loc[-7.0, "share"] == pytest.approx(2 / 3)
+
+
 def test_variability_of_identical_seeds_is_undecided(fabric):
     fabric.flat([500] * 6)
     fabric.flat([500] * 6, representation="dae12")

@@ -72,6 +72,8 @@ _PAIR_TESTS = {
 }
 """By claim."""
 
+_NO_MARGIN = "no verdict, nothing says which returns of the task are similar: type --margin"
+
 
 def examine(
     configurations: Sequence[Configuration], studies: Sequence[Study] = ()
@@ -179,6 +181,10 @@ def _on_pair(claim: str, pair: Pair, baseline: str) -> Finding:
         supporting, pair.seeds, low, high, outer=contradicting, logarithmic=test.is_ratio
     )
     returns, source, at, remark = _common(*pair.sides)
+    if claim == SIMILAR_RETURN and not pair.ours.margin:
+        decided = ClaimVerdict()
+        remark = "; ".join(filter(None, (_NO_MARGIN, remark)))
+
     finding = Finding(
         claim=claim,
         compared=f"{pair.ours.name} against {baseline}",
@@ -225,7 +231,10 @@ def _without_episodes(finding: Finding, pair: Pair) -> Finding:
 
 
 def _on_gain(harder: Pair, easier: Pair) -> Finding:
-    """Tests whether reduction gains more on the harder of two tasks."""
+    """Tests whether reduction gains more on the harder of two tasks, up to one control step."""
+    end = min(harder.control_steps, easier.control_steps)
+    harder = harder.up_to(end)
+    easier = easier.up_to(end)
     scores = [*harder.scores, *easier.scores]
     effect = st.estimate(
         lambda *areas: IQM_DIFFERENCE(*areas[:2]) - IQM_DIFFERENCE(*areas[2:]),
@@ -234,8 +243,7 @@ def _on_gain(harder: Pair, easier: Pair) -> Finding:
     seeds = min(harder.seeds, easier.seeds)
     untested = _no_gain_to_compare(scores)
     words = ", ".join(filter(None, (display_name(harder.ours.algo), harder.ours.words)))
-    returns, source, _, remark = _common(*harder.sides)
-    *_, other = _common(*easier.sides)
+    returns, source, at, remark = _common(*harder.sides, *easier.sides)
 
     return Finding(
         claim=GAINS_MORE,
@@ -245,8 +253,8 @@ def _on_gain(harder: Pair, easier: Pair) -> Finding:
         decided=ClaimVerdict() if untested else claim_verdict(effect, seeds, 0),
         returns=returns,
         source=source,
-        steps=min(harder.control_steps, easier.control_steps),
-        remark="; ".join(filter(None, (untested, remark, other))),
+        steps=at,
+        remark="; ".join(filter(None, (untested, remark))),
     )
 
 
@@ -255,9 +263,12 @@ def _no_gain_to_compare(scores: Sequence[Scores]) -> str:
 
     Scores are of the harder task's reduced order and full observation, then of the easier task's.
     """
+    if not all(len(side.final) for side in scores):
+        return "no verdict, some agents have no finite return"
+
     for task, pair in ((_HARDER, scores[:2]), (_EASIER, scores[2:])):
         random = random_return(task)
-        if all(abs(np.median(side.final) - random) <= MARGIN for side in pair if len(side.final)):
+        if all(abs(np.median(side.final) - random) <= MARGIN for side in pair):
             near = f"both are within {MARGIN:g} of random actions ({whole(random)})"
             return f"no verdict, on {task} {near}"
     gain = float(IQM_DIFFERENCE([scores[0].area], [scores[1].area]))

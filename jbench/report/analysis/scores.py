@@ -93,14 +93,21 @@ def _means_over_run(
 class Pair:
     """Two configurations, with scores at the last control step that every seed has reached."""
 
-    def __init__(self, ours: Configuration, theirs: Configuration) -> None:
-        """Compares at the last control step that every seed of both has reached."""
+    def __init__(
+        self, ours: Configuration, theirs: Configuration, control_steps: int | None = None
+    ) -> None:
+        """Compares at a control step, None for the last that every seed of both has reached."""
         self.ours = ours
         self.theirs = theirs
         self.sides = (ours, theirs)
-        self.control_steps = int(min(ours.last_step, theirs.last_step))
+        last = int(min(ours.last_step, theirs.last_step))
+        self.control_steps = last if control_steps is None else control_steps
         self.scores = [self._scores(ours, theirs), self._scores(theirs, ours)]
         self.seeds = min(len(side.final) for side in self.scores)
+
+    def up_to(self, control_steps: int) -> "Pair":
+        """Returns the pair with scores up to an earlier control step, or the same one."""
+        return self if control_steps == self.control_steps else Pair(*self.sides, control_steps)
 
     def _scores(self, side: Configuration, other: Configuration) -> Scores:
         """Returns the scores of a side, whose means over the run compare with the other's."""
@@ -161,17 +168,26 @@ class Pair:
 
 
 def ranges(configurations: Iterable[Configuration]) -> dict[str, Range]:
-    """Returns the range of each task's returns: the possible ones if known, else the recorded."""
+    """Returns the range of each task's returns: the possible ones if known, else the recorded.
+
+    It is (0, 0) if none of a task's returns is finite.
+    """
     known: dict[str, Range] = {}
+    unknown = set[str]()
     for config in configurations:
         possible = return_range(config.task)
         if config.source == FILE or possible is None:
-            possible = float(np.nanmin(config.returns)), float(np.nanmax(config.returns))
+            recorded = config.returns[np.isfinite(config.returns)]
+            if not len(recorded):
+                unknown.add(config.task)
+                continue
+            possible = float(recorded.min()), float(recorded.max())
+
         lowest, highest = possible
         low, high = known.get(config.task, (lowest, highest))
         known[config.task] = (min(low, lowest), max(high, highest))
 
-    return known
+    return dict.fromkeys(unknown, (0.0, 0.0)) | known
 
 
 def strata(finals: Sequence[FloatArray], tasks: Sequence[Range]) -> tuple[list[FloatArray], Range]:

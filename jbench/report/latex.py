@@ -189,7 +189,8 @@ def _decimals(column: Column, form: Form, rows: Sequence[FrameRow]) -> int | Non
     known = [[value for value in cell if pd.notna(value)] for cell in cells]
     shown = [cell for cell in known if any(abs(value) > 1e-5 * largest for value in cell)]
     places = max((decimals(form, cell) for cell in shown), default=0)
-    return min(places, max(1, _DIGITS - len(f"{largest:.0f}")))
+    _, _, exponent = f"{largest:.0e}".partition("e")  # of 0.003 it is -3
+    return min(places, max(1, _DIGITS - 1 - int(exponent)))
 
 
 def _breakable(text: str) -> str:

@@ -118,6 +118,36 @@ def test_profiles_have_the_return_of_a_solved_task_where_all_tasks_have_one(fabr
     assert sum(list(x) == [900, 900] for x in levels) == lines
 
 
+def test_profiles_over_tasks_need_enough_seeds_of_each(fabric):
+    # Ten seeds on both tasks together, five on each.
+    for task in ("face_direction", "cartpole.swingup"):
+        add_runs(fabric, "full", "dae12", task=task, seeds=5)
+    frames = Frames(fabric.results)
+    assert "all tasks, normalized" in {*frames.profiles["task"]}
+    assert shares.profiles(frames).panels == []
+
+
+def test_levels_far_from_the_curves_extend_the_axis_and_have_their_name_beside_them():
+    steps = np.array([1000.0, 2000.0])
+    rows = pd.DataFrame({"task": "gym:P", "source": "own", "steps": steps})
+    policies = pd.DataFrame({"task": "gym:P", "policy": ["random"], "mean": [-1200.0]})
+    axes = Figure().subplots()
+    axes.plot(steps, [-300, -150])
+    marks.set_axes(axes, rows, "linear", policies["mean"])
+    marks.add_levels(axes, rows, policies)
+    (name,) = axes.texts
+    low, high = axes.get_ylim()
+    assert low < -1200
+    assert low + name.get_position()[1] * (high - low) == pytest.approx(-1200)
+
+
+def test_ticks_below_1_are_no_thousandths():
+    axes = Figure().subplots()
+    marks.set_axes(axes, pd.DataFrame({"task": ["a"], "source": "own", "steps": [2.0]}), "linear")
+    shown = [axes.xaxis.get_major_formatter()(value) for value in (0, 0.25, 0.5, 1, 1.5, 22_500)]
+    assert shown == ["0", "0.25", "0.5", "1", "1.5", "22.5k"]
+
+
 def test_curves_by_representation_are_the_medians_of_evaluations(fabric):
     add_runs(fabric, "full", "dae12")
     add_runs(fabric, algo="ppo")

@@ -209,6 +209,18 @@ def test_runs_are_sorted_filtered_searched_and_opened(shipped_page, opened):
     assert not dialog.is_visible()
 
 
+@pytest.mark.slow
+def test_later_steps_are_sorted_after_all_others(shipped_page, opened):
+    shown = opened(shipped_page).page
+    table = shown.locator("#table-final_returns table")
+    table.get_by_role("button", name="steps to 900").click()
+    cells = table.locator("tbody tr td:last-child").all()
+    values = [float(cell.get_attribute("data-value") or "-inf") for cell in cells]
+    assert values == sorted(values)
+    assert np.isinf(values[-1])
+    assert np.isfinite(values).any()
+
+
 def test_metrics_of_a_run_are_curves_in_its_dialog(fabric, tmp_path, opened):
     fabric.run(
         [100.0] * 8, metrics={"loss": (0.5, 0.25), "<b>x</b>": (1.0, 1.0), "no": (np.nan,) * 2}

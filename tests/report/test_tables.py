@@ -94,6 +94,8 @@ def latex_rows(made):
         ([12.0, 0.254], ["12.00", "0.25"]),
         ([5.2, -0.00001, np.nan], ["5.2", "0.0", ""]),
         ([7.26, np.inf], ["7.3", "infinite"]),
+        ([1.234e-3, 1e-4], ["0.00123", "0.00010"]),
+        ([2.5e-5, -1e-6], ["0.000025", "-0.000001"]),
     ],
 )
 def test_numbers_of_a_column_in_latex_have_as_many_decimals(values, written):

@@ -263,7 +263,7 @@ def _draw_curves(
         _draw_published(axes, beside.published[beside.published["task"].isin(rows["task"])], looks)
 
     policies = beside.policies
-    levels = () if policies is None else policies["median"][policies["task"].isin(rows["task"])]
+    levels = () if policies is None else policies["mean"][policies["task"].isin(rows["task"])]
     marks.set_axes(axes, rows, scale, [*levels])
     axes.set(xlabel=x, ylabel=y)
     marks.add_levels(axes, rows, policies)

@@ -166,7 +166,15 @@ def set_axes(axes: Axes, rows: pd.DataFrame, scale: str, levels: Sequence[float]
         axes.set_xlim(left=0)
         axes.xaxis.set_major_locator(ticker.MaxNLocator(4 if narrow(axes) else 6))
 
-    axes.xaxis.set_major_formatter(ticker.EngFormatter(sep=""))
+    axes.xaxis.set_major_formatter(ticker.FuncFormatter(_tick))
+
+
+def _tick(value: float, _: int | None = None) -> str:
+    """Returns a number of steps, or of minutes or hours, beside its tick: `500`, `22.5k`, `0.5`.
+
+    Engineers would write half an hour as 500m, which reads as minutes.
+    """
+    return f"{value:g}" if abs(value) < 1 else ticker.EngFormatter(sep="")(value)
 
 
 def set_logarithmic(axes: Axes, name: str) -> None:
@@ -185,11 +193,14 @@ def add_levels(axes: Axes, rows: pd.DataFrame, baselines: pd.DataFrame | None) -
         mine = baselines[baselines["task"].isin(rows["task"])]
         levels |= dict(zip(mine["policy"], mine["mean"], strict=True))
 
-    low, high = axes.get_ylim()
-    place = -np.inf
-    for name, level in sorted(levels.items(), key=lambda item: item[1]):
+    ordered = sorted(levels.items(), key=lambda item: item[1])
+    for name, level in ordered:
         dash = "-" if name == "solved" else (0, (3, 2))
         axes.axhline(level, color=style.SOFT, linewidth=0.7, linestyle=dash, zorder=1)
+
+    low, high = axes.get_ylim()  # with the levels: they extend a range that is not set
+    place = -np.inf
+    for name, level in ordered:
         place = max((level - low) / (high - low), place + _ROOM)
         if not narrow(axes, 1.5):
             size = mpl.rcParams["font.size"] * 0.9

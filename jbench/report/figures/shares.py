@@ -7,7 +7,7 @@ from matplotlib import colors
 from matplotlib.axes import Axes
 
 from jbench.report import style
-from jbench.report.analysis.scores import ALL_TASKS
+from jbench.report.analysis.scores import ALL_TASKS, NORMALIZED
 from jbench.report.figures import cells, marks
 from jbench.report.figures.chart import ROWS, Chart, by_task
 from jbench.report.frames import Frames
@@ -60,8 +60,10 @@ def _draw_pairs(rows: pd.DataFrame, axes: Axes) -> None:
 
 def profiles(frames: Frames) -> Chart:
     """Returns the share of runs above each return, for few configurations of enough seeds."""
+    # The seeds of several tasks together are those of all, and each task needs enough.
+    together = frames.profiles["task"].isin([ALL_TASKS, NORMALIZED])
     tasks = frames.profiles.groupby("label")["task"].transform("nunique") - 1
-    enough = DECIDING_SEEDS * tasks.where(frames.profiles["task"] == ALL_TASKS, 1)
+    enough = DECIDING_SEEDS * tasks.where(together, 1)
     rows = frames.profiles[frames.profiles["seeds"] >= enough]
     lines = rows.groupby("task")["label"].transform("nunique")
     rows = rows[(lines > 1) & (lines <= _PROFILES)]

@@ -83,6 +83,12 @@ def with_results(command: str, results: Path) -> str:
     return f"{command} --results {shlex.quote(str(results))}"
 
 
+def in_matrix_file(keys: str, table: str = "") -> str:
+    """Returns which keys of a matrix file do what the options of a message do, in parentheses."""
+    of_table = f" of [{table}]" if table else ""
+    return f"(in a matrix file, {keys}{of_table})"
+
+
 def repair_hint(results: Path) -> str:
     """Returns the sentence on the commands for damaged records."""
     verify, repair = (with_results(f"jbench {verb}", results) for verb in ("verify", "repair"))

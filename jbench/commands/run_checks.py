@@ -9,6 +9,7 @@ from jbench.settings.defaults import chosen
 from jbench.settings.run import RunSettings
 from jbench.tasks.find import find_task
 from jbench.training.continuation import check_state_can_be_kept
+from jbench.wording import in_matrix_file
 
 _NOTABLE_SLOWDOWN = 1.1  # a smaller one may be noise
 
@@ -41,11 +42,11 @@ def check_runs(runs: Sequence[RunSettings], keep_state: KeepState, device: str |
 
         first = run.algorithm.first_update
         if end < first or (end == first and _ends_with_evaluation(run)):
+            keys = in_matrix_file("the same keys", f"hyperparameters.{run.algo}")
             sentences.append(
                 f"{run.algo} first updates its networks after {first:,} control "
                 f"steps, so a run of {run.steps:,} learns nothing; raise --steps, or lower that "
-                "number with --set learning_starts=N and --set train_freq=N (in a matrix file, the "
-                f"same keys of [hyperparameters.{run.algo}])."
+                f"number with --set learning_starts=N and --set train_freq=N {keys}."
             )
 
     for sentence in dict.fromkeys(sentences):
@@ -74,5 +75,5 @@ def _warn_of_slow_bfloat16() -> None:
     if slowdown >= _NOTABLE_SLOWDOWN:
         output.warn(
             f"this processor multiplies in bfloat16 {slowdown:.1f} times as slowly as in float32; "
-            "leave --precision out (in a matrix file, the key precision)."
+            f"leave --precision out {in_matrix_file('the key precision')}."
         )

@@ -24,7 +24,7 @@ from jbench.sweeps.cell import Cell
 from jbench.tasks.find import checked_task, find_task
 from jbench.training import engines
 from jbench.training.status import run_status
-from jbench.wording import counted, duration
+from jbench.wording import counted, duration, in_matrix_file
 
 _MIN_REPORTED = 2_000_000_000  # bytes
 _USABLE = 0.8  # of the free memory; networks and minibatches take the rest
@@ -158,15 +158,17 @@ def forecast(statuses: Sequence[CellStatus], jobs: int) -> str | None:
 
     parts = [(status.evaluating, status.seconds_left or 0.0) for status in statuses]
     share = sum(part * time for part, time in parts) / sum(time for _, time in parts)
+    key = in_matrix_file("the key episodes", "evaluation")
     most = (
-        " Evaluations take most of it; fewer --evaluate-episodes (in a matrix file, the key "
-        "episodes of [evaluation]) make them shorter."
+        f" Evaluations take most of it; fewer --evaluate-episodes {key} make them shorter."
+        if share > 0.5
+        else ""
     )
 
     return (
         f"This takes about {duration(seconds)}: {counted(len(runs), 'run')}, {steps:,} control "
         f"steps at {steps / seconds:,.0f} steps/s, {counted(jobs, 'process', 'processes')} at a "
-        f"time.{most if share > 0.5 else ''}{less}"
+        f"time.{most}{less}"
     )
 
 
@@ -206,10 +208,10 @@ def memory_sentence(runs: Sequence[RunSettings], device: str = "cpu") -> str | N
     if free is None or needed <= _USABLE * free:
         return f"{text}."
 
+    key = in_matrix_file("the same key", f"hyperparameters.{algo}")
     return (
         f"{text}, and {free / 1e9:.1f} GB are free here: for less, fewer --seeds at a time, or "
-        f"--set buffer_size={int(most * free / needed / 2)} (in a matrix file, the same key of "
-        f"[hyperparameters.{algo}])."
+        f"--set buffer_size={int(most * free / needed / 2)} {key}."
     )
 
 

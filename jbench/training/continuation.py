@@ -18,6 +18,7 @@ from jbench.settings.recorded import read_run
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
 from jbench.tasks.find import find_task
+from jbench.wording import in_matrix_file
 
 
 def kept_runs(run: RunSettings, results: Results, *free: str) -> list[Record]:
@@ -80,10 +81,8 @@ def _new_beginning(run: RunSettings, results: Results) -> tuple[int, str] | None
         return same[0].settings["steps"], reason
     if kept:
         every = kept[0].settings["evaluate_every"]
-        reason = (
-            f"evaluations have another distance; type --evaluate-every {every} (in a matrix file, "
-            f"every = {every} of [evaluation])"
-        )
+        key = in_matrix_file(f"every = {every}", "evaluation")
+        reason = f"evaluations have another distance; type --evaluate-every {every} {key}"
         return kept[0].settings["steps"], reason
     return None
 

@@ -24,6 +24,7 @@ from jbench.names import Precision, TimeLimit
 from jbench.policies.actors import copy_module
 from jbench.settings.algorithms import SETTINGS, AlgorithmSettings, OffPolicySettings, PPOSettings
 from jbench.settings.records import OFESettings
+from jbench.wording import in_matrix_file
 
 
 def make_engine(
@@ -73,10 +74,10 @@ def make_engine(
     except torch.OutOfMemoryError:
         if not isinstance(settings, OffPolicySettings):
             raise
+        key = in_matrix_file("a key", "hyperparameters.ALGORITHM")
         raise WorkError(
             f"The GPU's memory is not enough for the replay buffers of {seeds} seeds: type fewer "
-            f"--seeds at a time, or less than --set buffer_size={settings.buffer_size} (in a "
-            "matrix file, a key of [hyperparameters.ALGORITHM])."
+            f"--seeds at a time, or less than --set buffer_size={settings.buffer_size} {key}."
         ) from None
 
 

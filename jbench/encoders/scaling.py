@@ -16,6 +16,7 @@ from jbench.tasks.find import find_task
 
 _SD = 1 / 3  # of whitened latents: most values are in [-1, 1], as those of scaled features
 _MIN_VARIANCE = 1e-10  # relative to the largest; directions of smaller variance become 0
+_CONSTANT = 1e-6  # standard deviation relative to the mean; float32 rounds to some 1e-7
 
 
 class Moments(NamedTuple):
@@ -58,11 +59,17 @@ class Moments(NamedTuple):
     def regression(self, inputs: int) -> tuple[FloatArray, FloatArray]:
         """Returns the least squares slopes (inputs, others) and offset (others,).
 
-        The first `inputs` columns predict the others.
+        The first `inputs` columns predict the others, whatever their units. Those that are constant
+        up to the rounding of float32 have the slope 0.
         """
         within = self.covariance[:inputs, :inputs]
         across = self.covariance[:inputs, inputs:]
-        slopes = np.linalg.pinv(within, rcond=1e-12, hermitian=True) @ across
+        sd = np.sqrt(np.diag(within))
+        # Of unit variance, so that none is left out because its unit is large.
+        unit = inverse(np.where(sd > _CONSTANT * np.abs(self.mean[:inputs]), sd, 0))
+        correlation = within * np.outer(unit, unit)
+        scaled = np.linalg.pinv(correlation, rcond=1e-12, hermitian=True) @ (unit[:, None] * across)
+        slopes = unit[:, None] * scaled
         return slopes, self.mean[inputs:] - self.mean[:inputs] @ slopes
 
 

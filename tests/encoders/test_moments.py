@@ -100,3 +100,22 @@ def test_constant_column_is_reconstructed(kind):
         assert np.isfinite(left).all()
         assert left[2] == pytest.approx(0, abs=1e-12)
     assert left.sum() == pytest.approx(0, abs=1e-9)
+
+
+@pytest.mark.parametrize("units", [(1, 1, 1), (180, 1, 1e-5), (1e6, 1, 1e-6)])
+def test_regression_does_not_depend_on_the_units_of_its_inputs(units):
+    inputs = np.random.default_rng(0).normal(size=(500, 3)) + 2
+    targets = inputs @ [[1.0], [-2.0], [3.0]] + 5
+    slopes, offset = Moments.of(np.hstack([inputs * units, targets])).regression(3)
+    np.testing.assert_allclose(slopes[:, 0] * units, [1, -2, 3], rtol=1e-6)
+    np.testing.assert_allclose(offset, 5, rtol=1e-6)
+
+
+def test_constant_inputs_have_no_slope_and_equal_ones_share_it():
+    varying = np.random.default_rng(0).normal(size=(500, 1))
+    constant = np.full((500, 1), np.float32(0.1))
+    rounded = constant + np.float32(1e-9) * varying  # below the rounding of float32
+    rows = np.hstack([varying, constant, rounded, varying, 3 * varying + 1])
+    slopes, offset = Moments.of(rows).regression(4)
+    np.testing.assert_allclose(slopes[:, 0], [1.5, 0, 0, 1.5], atol=1e-9)
+    np.testing.assert_allclose(offset, 1)

@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.wrappers import NormalizeObservation, NormalizeReward, TimeLimit
 
-from tests.gym_tasks import EPISODE, Cart, limited
+from tests.gym_tasks import EPISODE, NUMBERS, Cart, limited
 
 
 class OlderStep(Cart):
@@ -67,6 +67,14 @@ class SwapsSizes(Cart):
     def observe(self):
         size = 2 if self.made < 3 else 1
         return {"a": np.zeros(size), "b": np.zeros(3 - size)}
+
+
+class NameTwice(Cart):
+    """Two parts of its observation have one name."""
+
+    observation_space = spaces.Dict(
+        {"cart": spaces.Dict({"goal": NUMBERS}), "cart_goal": spaces.Box(-1, 1, (2,), np.float32)}
+    )
 
 
 class Quits(Cart):
@@ -150,8 +158,8 @@ gymnasium.register("lab/Endless-v0", "tests.gym_tasks:Cart")
 fails_to_close, fails_to_close_pixels, quits_at_close, is_stopped_at_close = map(
     limited, (FailsToClose, FailsToClosePixels, QuitsAtClose, IsStoppedAtClose)
 )
-swaps_sizes, quits, quits_at_reset, leaves_area = map(
-    limited, (SwapsSizes, Quits, QuitsAtReset, LeavesArea)
+swaps_sizes, name_twice, quits, quits_at_reset, leaves_area = map(
+    limited, (SwapsSizes, NameTwice, Quits, QuitsAtReset, LeavesArea)
 )
 older_step, older_reset, no_reward, reward_in_array = map(
     limited, (OlderStep, OlderReset, NoReward, RewardInArray)

@@ -60,7 +60,7 @@ def shortest(task: str, features: Sequence[str] | None) -> list[str] | None:
     """Returns the shortest list for the same features, such as ["-velocity"]; None for all.
 
     It is the list of those that are kept if it is shorter than the list of those left out. Raises a
-    RequestError as `columns` does.
+    RequestError as `columns` does, and if names mean other features, too.
     """
     kept = columns(task, features)
     left = [column for column in columns(task, None) if column not in kept]
@@ -68,9 +68,15 @@ def shortest(task: str, features: Sequence[str] | None) -> list[str] | None:
         return None
     names_kept = _names(task, kept)
     names_left = [f"-{name}" for name in _names(task, left)]
-    if len(names_kept) < len(names_left):
-        return names_kept
-    return names_left
+    # Of two lists of one length it is that of those left out.
+    for names in sorted((names_left, names_kept), key=len):
+        if columns(task, names) == kept:
+            return names
+
+    raise RequestError(
+        f"These features of {task} have no name of their own, since a part of its observation is "
+        "called as a value of another one; rename a part in the environment, or choose others."
+    )
 
 
 def in_name(features: Sequence[str]) -> str:
@@ -88,10 +94,21 @@ def in_name(features: Sequence[str]) -> str:
     return f"{HASHED}-{settings_hash({'features': list(features)})}"
 
 
-def from_name(text: str) -> list[str]:
-    """Returns the list of features that `in_name` has made a name of, unless that is a hash."""
+def from_name(text: str, task: str) -> list[str]:
+    """Returns the list of features that `in_name` has made a name of, unless that is a hash.
+
+    A name of the task's observation may have dots itself.
+    """
     word, _, joined = text.partition("-")
-    names = joined.split(".")
+    named = _columns_by_name(task)
+    rest = joined.split(".")
+    names = list[str]()
+    while rest:
+        ends = (end for end in range(len(rest), 0, -1) if ".".join(rest[:end]) in named)
+        end = next(ends, 1)
+        names.append(".".join(rest[:end]))
+        rest = rest[end:]
+
     if word == ALL_BUT:
         return [f"-{name}" for name in names]
     return names
@@ -113,7 +130,10 @@ def _names(task: str, chosen: Sequence[int]) -> list[str]:
 
 
 def _columns_by_name(task: str) -> dict[str, list[int]]:
-    """Returns the columns of each part and of each value of an observation, by name."""
+    """Returns the columns of each part and of each value of an observation, by name.
+
+    A part such as position_0 may be called as a value of another one; the name means the part.
+    """
     named = {label: [column] for column, label in enumerate(find_task(task).labels)}
     return named | _columns_of_parts(task)
 

@@ -47,7 +47,7 @@ def options_from_name(match: re.Match[str], task: str) -> dict[str, Any] | None:
     if text:
         if text.startswith(f"{HASHED}-"):
             return None
-        options["features"] = shortest(task, from_name(text))
+        options["features"] = shortest(task, from_name(text, task))
 
     for name, value in _OPTION.findall(match["options"] or ""):
         if name == _HASHED_OPTIONS:

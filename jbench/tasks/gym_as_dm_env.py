@@ -106,14 +106,19 @@ class GymAsDmEnv:
     def observation_spec(self) -> dict[str, Spec]:
         """Returns the parts of the observation; one that is not of numbers is an UnusableError.
 
-        So is an environment that opens a window, which ends the process where there is no display.
+        So are two parts of one name, and an environment that opens a window, which ends the process
+        where there is no display.
         """
         if self.env.render_mode == "human":
             raise UnusableError("it opens a window; make it without render_mode human")
 
-        parts = dict(_parts("", self.env.observation_space))
-        for name, space in parts.items():
+        parts: dict[str, Any] = {}
+        for name, space in _parts("", self.env.observation_space):
             _check_part(name, space)
+            if name in parts:
+                raise UnusableError(f"two parts of its observation are called {name}; rename one")
+            parts[name] = space
+
         return {name: Spec(space.shape, space.dtype) for name, space in parts.items()}
 
     def action_spec(self) -> Spec:

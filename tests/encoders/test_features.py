@@ -1,12 +1,14 @@
 """Tests of the option `features`: encoders of parts of an observation."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import safetensors.numpy
 import torch
 
 from jbench.encoders import find_draws, find_encoder, load_encoder
-from jbench.encoders.features import columns, shortest
+from jbench.encoders.features import columns, from_name, in_name, shortest
 from jbench.encoders.representations import named_encoder
 from jbench.encoders.saved import WEIGHTS
 from jbench.encoders.scaling import Scaling
@@ -41,6 +43,28 @@ def results(tmp_path):
 def test_names_add_and_with_a_minus_take_away(typed, expected):
     assert columns(TASK, typed) == list(expected)
     assert columns(TASK, shortest(TASK, typed)) == list(expected)
+
+
+@pytest.mark.parametrize(
+    ("typed", "expected", "name"),
+    [
+        # Of the part arm, arm_0 is the first value; typed, it is the part of this name.
+        (["arm", "-arm_1"], [0], "without-arm_1.arm_0.arm.x.x.y"),
+        (["arm_0"], [2], "of-arm_0"),
+        (["arm.x", "x"], [3, 4], "of-arm.x.x"),
+        (["-arm.x"], [0, 1, 2, 4, 5], "without-arm.x"),
+    ],
+)
+def test_name_is_of_its_features_where_parts_have_dots_or_are_called_as_values(
+    typed, expected, name, monkeypatch
+):
+    parts = {"arm": 2, "arm_0": 1, "arm.x": 1, "x": 1, "y": 1}
+    labels = ["arm_0", "arm_1", "arm_0", "arm.x", "x", "y"]
+    about = SimpleNamespace(parts=parts, labels=labels, observation_size=6)
+    monkeypatch.setattr("jbench.encoders.features.find_task", lambda task: about)
+    assert columns("odd", typed) == expected
+    assert in_name(shortest("odd", typed)) == name
+    assert columns("odd", from_name(name, "odd")) == expected
 
 
 def test_one_set_of_features_has_one_id_however_it_is_typed():

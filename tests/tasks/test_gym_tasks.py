@@ -94,6 +94,7 @@ ENDLESS = f"gym:{MISTAKEN}:lab/Endless-v0"
             f"{MISTAKEN}:large_observation",
             "at control step 0 .*, cart of its observation is not finite in float32.$",
         ),
+        (f"{MISTAKEN}:name_twice", "two parts of its observation are called cart_goal; rename"),
         (f"{MISTAKEN}:nothing_observed", "its observation has 1 value instead of 2.$"),
         (
             f"{MISTAKEN}:unlicensed",

@@ -284,6 +284,23 @@ def test_long_titles_and_large_returns_are_written_whole(fabric):
     assert "2000000000" in [label.get_text() for label in axes.get_yticklabels()]
 
 
+@pytest.mark.parametrize("columns", [None, 1])
+@pytest.mark.parametrize("largest", [3e9, -4e12])
+def test_large_returns_in_rows_have_room_beside_each_other(fabric, columns, largest):
+    for task in ("huge", "other"):
+        for place, algo in enumerate(("td3", "sac")):
+            fabric.run(np.full(8, largest * (1 + place)), task=task, algo=algo)
+    figure = chart_of(fabric, "returns").figure(columns)
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        low, high = axes.get_xlim()
+        labels = axes.get_xticklabels()
+        shown = [label for label in labels if low <= label.get_position()[0] <= high]
+        boxes = [label.get_window_extent() for label in shown]
+        assert len(boxes) > 1
+        assert all(left.x1 < right.x0 for left, right in itertools.pairwise(boxes))
+
+
 @pytest.mark.parametrize("columns", [None, 2, 1])
 def test_percentages_of_sixteen_configurations_stay_in_their_cells(columns):
     names = [f"TD3 dae12-observation-whitened{i:02d}" for i in range(16)]

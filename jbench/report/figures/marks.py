@@ -25,6 +25,8 @@ _ROOM = 0.09  # of the height of a panel, between words beside it
 _TIPS = 12  # points of a curve that have a tip, if it has too many for markers
 # A mark that only has a tip: its corners, since a circle would take 200 bytes.
 UNSEEN: Any = {"marker": [(-1, -1), (1, 1)], "facecolors": "none"}
+_DIGITS = 6  # of a tick, beside as many others as matplotlib draws
+_ALL_DIGITS = 32  # of the ticks of an axis, if one has more
 _LONGEST = 36  # characters of a name in a table of shares, or in a line beside a row
 _ALL_LINES = 3 * _LONGEST  # of a name beside a row
 _BEFORE = 6
@@ -136,6 +138,9 @@ def set_returns(
     """
     if not has_return_range(rows["task"], rows["source"]):
         axes.ticklabel_format(axis=name, style="plain", useOffset=False)
+        digits = len(f"{max(abs(low), abs(high)):.0f}")
+        if name == "x" and digits > _DIGITS:
+            axes.xaxis.set_major_locator(ticker.MaxNLocator(max(1, _ALL_DIGITS // digits)))
         return
 
     usual = 1000.0 if has_solved_return(rows["task"], rows["source"]) else 0.0

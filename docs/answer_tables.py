@@ -196,6 +196,7 @@ OTHER_ROBOTS = (
     RobotAgents("gym:Hopper-v5", "the same, standardized", "full, normalize=running"),
     RobotAgents("gym:Hopper-v5", "8 latents (`dae8`)", "dae8"),
     RobotAgents("dmc:cheetah-run", "17 numbers (`full`)", "full"),
+    RobotAgents("dmc:cheetah-run", "the same, standardized", "full, normalize=running"),
     RobotAgents("dmc:cheetah-run", "12 latents (`dae12`)", "dae12"),
 )
 

@@ -754,7 +754,7 @@ def median_and_range(values):
 
 ON_OTHER_ROBOTS = (
     (HOPPER, ("full", "full, normalize=running", "dae8")),
-    (CHEETAH, ("full", "dae12")),
+    (CHEETAH, ("full", "full, normalize=running", "dae12")),
 )
 
 
@@ -800,10 +800,6 @@ def test_hopper():
     sentence = "Each agent with the full observation has a higher final return than each agent with"
     assert sentence in text_of("answer")
 
-    found, interval = decided_on(HOPPER, "full", "normalize=running")
-    assert found.verdict == "undecided"
-    assert f"standardized inputs help on Hopper is undecided**: {interval}." in text_of("answer")
-
     lengths = jbench.open("reference").query(
         "SELECT seed, avg(length) AS length FROM evaluations JOIN runs USING (run) "
         f"WHERE task = '{HOPPER}' AND representation = 'full' AND control_steps = steps "
@@ -826,6 +822,17 @@ def test_cheetah():
         f"{sentence}({lowest_to_highest(latents)}). The fifth learns nothing ({lowest:.0f})."
         in text
     )
+
+
+def test_standardized_inputs_on_other_robots():
+    hopper, on_hopper = decided_on(HOPPER, "full", "normalize=running")
+    cheetah, on_cheetah = decided_on(CHEETAH, "full", "normalize=running")
+    assert (hopper.verdict, cheetah.verdict) == ("undecided", "undecided")
+    decided = f"help is undecided**: {on_hopper} on Hopper, and {on_cheetah} on Cheetah, where "
+    finals = seeds_on_robot(CHEETAH)["full, normalize=running"]["final"]
+    learned = f"all five agents with standardized inputs learn ({lowest_to_highest(finals)})."
+    assert finals.min() > 100  # random actions get 4
+    assert decided + learned in text_of("answer")
 
 
 def test_verdicts_by_robot():

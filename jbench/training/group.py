@@ -1,7 +1,7 @@
 """Trains runs in one engine, and commits their rows and checkpoints."""
 
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 
 import numpy as np
 
@@ -113,7 +113,8 @@ class TrainingGroup:
             self._note_policies()
         for index, checkpoint in enumerate(checkpoints):
             if not checkpoint.newest:
-                self._save_one(index, only=True)
+                with _failing_alone(self._members[index]):
+                    self._save_one(index, only=True)
 
     def _note_truncated(self, ends: Ends) -> None:
         """Records the episodes that were truncated, since they could not be repeated."""
@@ -123,7 +124,8 @@ class TrainingGroup:
             count = int(ends.ended[index].sum())
             if count:
                 truncated = {"control_steps": control_steps, "episodes": count}
-                member.record.note({"truncated": truncated})
+                with _failing_alone(member):
+                    member.record.note({"truncated": truncated})
                 sentence = (
                     f"The run {member.settings.id}: {counted(count, 'episode')} did not repeat "
                     "from the seed and the actions so far, and ended by truncation at control "
@@ -197,8 +199,9 @@ class TrainingGroup:
         self._fail_diverged(weights=True)
         with part("checkpoints"), self._commit_timer.committing():
             self._share_processor_time()
-            for index, _ in self._active():
-                self._save_one(index)
+            for index, member in self._active():
+                with _failing_alone(member):
+                    self._save_one(index)
 
     def _save_one(self, index: int, *, only: bool = False) -> None:
         """Commits the rows and a checkpoint of one run; see `save`."""
@@ -216,8 +219,9 @@ class TrainingGroup:
 
         self._share_processor_time()
         for index, member in self._active():
-            member.log.commit()
-            self._finish(index, member)
+            with _failing_alone(member):
+                member.log.commit()
+                self._finish(index, member)
 
     def _finish(self, index: int, member: Member) -> None:
         """Finishes the record of a member, with its policy and the state that is to be kept."""
@@ -263,13 +267,16 @@ class TrainingGroup:
     def _fail(self, member: Member, error: DivergedError | EpisodeError) -> None:
         """Commits the pending rows of a run, and marks it as failed."""
         self._share_processor_time()
-        member.log.commit()
-        sentence = str(error)
+        failure: WorkError = error
         if isinstance(error, EpisodeError):
             done = self._engine.control_steps
-            sentence = f"{sentence.rstrip('.')}; the run had made {done:,} control steps."
-        member.record.fail(sentence, error.summary)
-        member.failure = WorkError(sentence) if isinstance(error, EpisodeError) else error
+            sentence = f"{str(error).rstrip('.')}; the run had made {done:,} control steps."
+            failure = WorkError(sentence)
+
+        with _failing_alone(member):
+            member.log.commit()
+            member.record.fail(str(failure), error.summary)
+            member.failure = failure
 
     def _share_processor_time(self) -> None:
         """Divides the processor time since the last call among the runs that go on."""
@@ -278,3 +285,12 @@ class TrainingGroup:
     def _active(self) -> list[tuple[int, Member]]:
         """Returns the runs that have not failed, each with its index in the engine."""
         return [(i, member) for i, member in enumerate(self._members) if member.failure is None]
+
+
+@contextmanager
+def _failing_alone(member: Member) -> Iterator[None]:
+    """Fails a run whose record can't be written, such as one that was removed; others go on."""
+    try:
+        yield
+    except WorkError as error:
+        member.fail(error)

@@ -1,5 +1,7 @@
 """Tests of runs of the batched engine: rows, paths, batches, settings and measured speed."""
 
+import shutil
+
 import numpy as np
 import pytest
 import torch
@@ -154,6 +156,22 @@ def test_error_of_a_group_fails_no_run_ahead_of_it(tmp_path):
     }
     statuses = [results.find("run", run.id).status for run in runs]
     assert statuses == ["finished", "failed", "unfinished"]
+
+
+def test_run_whose_record_is_removed_fails_alone(tmp_path):
+    results = Results(tmp_path)
+    runs = [settings(seed=seed, steps=3 * EPISODE, evaluate_episodes=0) for seed in range(3)]
+
+    def remove(event):
+        if event == EpisodeEnded(runs[1].id, 2 * EPISODE, event.episode_return):
+            shutil.rmtree(results.folder("run", runs[1].id).path)
+
+    failures = run_batch(runs, results, checkpoint_every=0, report=remove)
+    assert list(failures) == [runs[1].id]
+    assert "can't be written (No such file" in str(failures[runs[1].id])
+    for run in (runs[0], runs[2]):
+        record = results.find("run", run.id)
+        assert (record.status, record.rows("episodes")) == ("finished", 3)
 
 
 def test_missing_encoder_fails_only_its_runs(tmp_path):

@@ -43,6 +43,9 @@ _KINDS = {
 ENCODER_KINDS = {kind: f"jbench.encoders.kinds.{path}" for kind, (path, _) in _KINDS.items()}
 """Built-in kinds of encoders and their classes; other packages may add kinds."""
 
+LATENTS = 12
+"""Latents of an encoder for which none are typed, as of the paper's autoencoder."""
+
 MEANINGS = {
     "full": "the observation of the task",
     **{kind: meaning for kind, (_, meaning) in _KINDS.items()},

@@ -23,6 +23,7 @@ def collect(
     """Collect a dataset of random actions, of the Jitterbug or another robot."""
     from jbench.datasets import collect as collect_dataset
     from jbench.datasets import plan_dataset
+    from jbench.encoders.settings import autoencoder_options
     from jbench.settings.base import validated
     from jbench.store.planned import sentences
     from jbench.tasks.find import checked_task, find_task
@@ -54,20 +55,10 @@ def collect(
     next_command = "jbench train-dae"
     if robot:
         use = ""
-        next_command += _encoder_options(settings.robot)
+        next_command += autoencoder_options(settings.robot)
 
     output.say(
         f"Dataset {record.id}: {settings.steps:,} control steps, {record.size / 1e6:.1f} MB, in "
         f"{record.path}{use}. Next: {with_results(next_command, results)}"
     )
     output.document(output.described(record, bytes=record.size))
-
-
-def _encoder_options(robot: str) -> str:
-    """Returns options of train-dae for a robot, with fewer latents than it observes numbers."""
-    from jbench.tasks.find import find_task
-
-    size = find_task(robot).observation_size
-    if size > options.LATENTS:
-        return f" --task {robot}"
-    return f" --task {robot} --latent {max(1, size // 2)}"

@@ -1,5 +1,6 @@
 """The commands train-encoder and train-dae, which is the same with another help."""
 
+import contextlib
 from collections.abc import Sequence
 from functools import lru_cache, partial
 from pathlib import Path
@@ -12,6 +13,7 @@ from jbench.commands import options, output, parsing
 from jbench.commands.encoder_tables import show_errors, show_explained
 from jbench.commands.kept import kept_encoders
 from jbench.commands.requested_encoders import Wanted, planned_encoders, with_known_size
+from jbench.errors import RequestError
 from jbench.representation_names import ENCODER_KINDS
 from jbench.wording import counted, with_results
 
@@ -133,14 +135,26 @@ def train_encoder(
             show_errors(record)
 
     show_explained(records)
-    output.say(f"Next: {with_results(_training_command(planned, source), results)}")
+    output.say(f"Next: {with_results(_training_command(planned, source, database), results)}")
     output.document({"encoders": [output.described(record) for record in records]})
 
 
-def _training_command(encoders: Sequence["EncoderSettings"], source: "Dataset") -> str:
-    """Returns the command that trains agents on the first of some encoders."""
+def _training_command(
+    encoders: Sequence["EncoderSettings"], source: "Dataset", database: "Results"
+) -> str:
+    """Returns the command that trains agents on the first of some encoders.
+
+    Its representation names the newest one of the plain robot, so another one has its id there.
+    """
+    from jbench.encoders.find import find_encoder
+
     first = encoders[0]
-    command = f"jbench train --task {first.task} --encoder {first.representation}"
+    name = first.id
+    with contextlib.suppress(RequestError):
+        if find_encoder(database, first.representation, first.task) == first.id:
+            name = first.representation
+
+    command = f"jbench train --task {first.task} --encoder {name}"
     if encoders[-1].seed != first.seed:
         command += " --encoder-seeds each"
     if source.control_steps < _TRIAL:

@@ -22,8 +22,6 @@ from jbench.cores import cores
 from jbench.settings.algorithms import ALGORITHMS, SETTINGS
 from jbench.settings.base import extra, task_and_representation, typed_default
 
-LATENTS = 12  # of the paper's autoencoder: the default
-
 _Verb = Callable[..., None]
 
 

@@ -13,7 +13,7 @@ from typer import BadParameter
 
 from jbench import names, typed_values
 from jbench.commands import output
-from jbench.errors import RequestError
+from jbench.errors import RequestError, WorkError
 from jbench.representation_names import ENCODER_KINDS, FULL, NO_ENCODER, OFE, kind_in
 from jbench.settings.algorithms import ALGORITHMS
 from jbench.task_specs import GYM
@@ -27,7 +27,8 @@ _SCALES = {"k": 1000, "m": 1_000_000}
 def known_or_held(setting: str, value: str, databases: Sequence["Results"]) -> str:
     """Returns the value of a setting if jbench knows it or a run of the results has it.
 
-    Raises a RequestError that lists the others if it is unknown.
+    jbench knows the tasks of other robots that it can use here. Raises a RequestError that lists
+    the others if it is unknown.
     """
     known = _KNOWN[setting]
     name = value.lower()
@@ -41,6 +42,12 @@ def known_or_held(setting: str, value: str, databases: Sequence["Results"]) -> s
     choices = {*known}
     for results in databases:
         choices |= setting_values(results, setting)
+
+    if setting == "task" and value not in choices:
+        from jbench.tasks.find import find_task
+
+        with contextlib.suppress(RequestError, WorkError):
+            return find_task(value).name
 
     return typed_values.known(_NOUNS[setting], value, sorted(choices))
 

@@ -6,8 +6,7 @@ from itertools import product
 from typing import TYPE_CHECKING, Any
 
 from jbench import names, typed_values
-from jbench.commands import options
-from jbench.representation_names import ENCODER_KINDS
+from jbench.representation_names import ENCODER_KINDS, LATENTS
 
 if TYPE_CHECKING:
     from jbench.datasets import Dataset
@@ -46,7 +45,7 @@ def planned_encoders(wanted: Wanted, source: "Dataset | None") -> list["EncoderS
     from jbench.encoders.states import check_episodes
 
     typed = wanted.options
-    latent = wanted.latent or str(options.LATENTS)
+    latent = wanted.latent or str(LATENTS)
     numbers = typed_values.parse_numbers(latent, "--latent", "12, or 2,4,8, or 1-16")
     kinds = dict.fromkeys(
         typed_values.lowered(name, ENCODER_KINDS) for name in wanted.kinds.split(",")

@@ -11,6 +11,7 @@ from safetensors import SafetensorError
 from jbench.encoders.registry import make_kind, present_code
 from jbench.encoders.saved import DESCRIPTION, WEIGHTS, Encoder, SavedEncoder
 from jbench.encoders.scaling import Scaling
+from jbench.encoders.settings import autoencoder_options
 from jbench.errors import RequestError, WorkError
 from jbench.representation_names import ENCODER_KINDS, kind_in
 from jbench.store import Record, Results
@@ -82,10 +83,10 @@ def _no_encoder(results: Results, id: str, task: str | None) -> RequestError:
         for record in results.scan("encoder")[0]
         if record.is_finished and task in (None, record.settings.get("task"))
     ]
-    of_task = "" if task is None else f" --task {task}"
     if ids:
         choices = f"there are {', '.join(ids)}"
     else:
+        of_task = "" if task is None else autoencoder_options(task)
         command = with_results(f"jbench train-dae{of_task}", results.name)
         choices = f"there is none yet: run {command}, or jbench train-encoder for another kind"
 

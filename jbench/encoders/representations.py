@@ -12,7 +12,7 @@ from jbench.encoders.registry import kind_names, latent_sizes, make_kind
 from jbench.encoders.settings import EncoderSettings, wrong_size
 from jbench.errors import RequestError
 from jbench.names import EncoderBase
-from jbench.representation_names import REPRESENTATION
+from jbench.representation_names import LATENTS, REPRESENTATION
 
 
 def named_encoder(name: str, task: str) -> EncoderSettings | None:
@@ -95,7 +95,7 @@ def _no_such_size(problem: str, kind: str, sizes: range, endings: str) -> Reques
     if len(sizes) == 1:
         return RequestError(f"{problem}; choose {kind}{endings}.")
 
-    size = min(12, sizes[-1])
+    size = min(LATENTS, sizes[-1])
     return RequestError(f"{problem}; choose {kind}{size}{endings}, for example.")
 
 

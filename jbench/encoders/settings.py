@@ -24,6 +24,7 @@ from jbench.encoders.registry import (
 )
 from jbench.errors import RequestError
 from jbench.names import EncoderBase
+from jbench.representation_names import LATENTS
 from jbench.settings.base import (
     RecordSettings,
     Seed,
@@ -231,6 +232,17 @@ def _named_options(
         and name not in elsewhere
         and full[name] != typed_default(kind.model_fields[name])
     )
+
+
+def autoencoder_options(task: str) -> str:
+    """Returns what follows `jbench train-dae` for a task: fewer latents than it observes numbers.
+
+    `LATENTS`, the default, need not be typed.
+    """
+    size = find_task(task).observation_size
+    if size > LATENTS:
+        return f" --task {task}"
+    return f" --task {task} --latent {max(1, size // 2)}"
 
 
 def wrong_size(kind: str, task: str, latents: int, options: Mapping[str, Any]) -> str | None:

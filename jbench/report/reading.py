@@ -22,10 +22,13 @@ from jbench.returns import TRAINING
 from jbench.settings.algorithms import display_name
 from jbench.settings.run import RunSettings
 from jbench.settings.variants import hyperparameter_words
-from jbench.store import Results
+from jbench.store import Record, Results
 from jbench.store.shipped import shipped_results
 from jbench.studies.quantities import MARGIN
 from jbench.wording import in_prose, repair_hint, with_results
+
+_USUAL_TASK = "face_direction"
+"""The task of the Jitterbug that most pages begin with."""
 
 Pairs = list[list[Pair]]
 
@@ -75,10 +78,33 @@ def read(results: Results | None, request: Request) -> tuple[Source, Pairs]:
         reason = " ".join([*source.problems, repair_hint(results.name)])
         raise WorkError(f"Nothing in {results.name} can be reported. {reason}")
 
-    train = "jbench train --task face_direction --steps 100000 --seeds 0-1"
-    raise NothingYetError(
-        f"There are no runs in {results.name}; run `{with_results(train, results.name)}` first."
-    )
+    train = with_results(_training_command(request, results), results.name)
+    raise NothingYetError(f"There are no runs in {results.name}; run `{train}` first.")
+
+
+def _training_command(request: Request, results: Results) -> str:
+    """Returns the command of a small training of what was asked for.
+
+    Without a task, it is of the robot that the newest dataset or evaluation is of.
+    """
+    task = request.task
+    if task is None:
+        records = [*results.scan("dataset")[0], *results.scan("evaluation")[0]]
+        newest = max(records, key=lambda record: record.manifest.updated, default=None)
+        task = _USUAL_TASK if newest is None else _task_of(newest)
+
+    command = f"jbench train --task {task}"
+    if request.algo is not None:
+        command += f" --algo {request.algo}"
+    return f"{command} --steps 100000 --seeds 0-1"
+
+
+def _task_of(record: Record) -> str:
+    """Returns the task of an evaluation, or one of the robot of a dataset."""
+    from jbench.datasets.by_robot import recorded_layout  # it imports simulators
+
+    task = record.settings.get("task")
+    return recorded_layout(record).task if task is None else str(task)
 
 
 def _note_shared(source: Source) -> None:

@@ -120,6 +120,14 @@ def test_repeated_training_is_skipped_and_people_read_three_lines(filled, run_co
     assert {path: path.stat().st_mtime_ns for path in filled.rglob("*.parquet")} == before
 
 
+def test_next_command_names_the_id_of_an_encoder_that_is_not_the_newest(results, run_command):
+    command = partial(run_command, "train-encoder", "--kind=pca", "--latent=2", results=results)
+    for seed, encoder in ((0, "pca2"), (1, "pca2"), (0, r"face_direction/pca2/s00-[0-9a-f]{8}")):
+        code, out, _ = command(f"--seed={seed}")
+        assert code == 0
+        assert re.search(f"Next: jbench train --task face_direction --encoder {encoder} ", out)
+
+
 def test_warning_of_encoder_that_explains_far_less_than_pca(results, run_command):
     short = partial(run_command, "train-encoder", "--latent=12", "--epochs=1", results=results)
     code, _, err = short("--kind", "dae")

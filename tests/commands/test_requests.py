@@ -17,6 +17,7 @@ from jbench import __version__
 from jbench.cli import app, main
 from jbench.commands import parsing
 from jbench.commands.verbs import PLACEHOLDERS
+from jbench.errors import RequestError
 from jbench.recording.request import record
 from jbench.store import Results
 from jbench.studies.matrix import read_matrix
@@ -253,6 +254,13 @@ def test_seeds_may_be_as_large_as_the_database_holds():
 def test_invalid_counts_are_refused(text):
     with pytest.raises(BadParameter, match="type a positive whole number"):
         parsing.count(text)
+
+
+def test_task_of_another_robot_is_known_before_it_has_runs(tmp_path):
+    pendulum = "gym:Pendulum-v1"
+    assert parsing.known_or_held("task", pendulum, [Results(tmp_path)]) == pendulum
+    with pytest.raises(RequestError, match="Unknown task 'gym:Pendulums-v1'"):
+        parsing.known_or_held("task", "gym:Pendulums-v1", [Results(tmp_path)])
 
 
 @pytest.mark.parametrize(

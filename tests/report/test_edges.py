@@ -8,8 +8,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from jbench.errors import NothingYetError
 from jbench.report.frames import Frames
+from jbench.report.reading import read
 from jbench.report.request import Request
+from jbench.settings.records import DatasetSettings, dataset_robot
+from jbench.store import Results
+from jbench.tasks.find import find_task
 from tests.store.store_rows import alter_manifest
 
 ALL = Request(window=4, claims=True, each_seed=True)
@@ -109,3 +114,21 @@ def test_invalid_settings_and_provenance_are_tolerated(fabric):
     report = found(fabric)
     assert report.configurations["seeds"].sum() == 5
     assert report.provenance.empty
+
+
+def test_what_to_type_without_runs_is_of_the_robot_at_hand(tmp_path):
+    results = Results(tmp_path)
+
+    def advice(**asked):
+        with pytest.raises(NothingYetError) as raised:
+            read(results, Request(**asked))
+        return re.search("jbench train (.*) --steps 100000", str(raised.value))[1]
+
+    assert advice() == "--task face_direction"
+    task = find_task("gym:Pendulum-v1")
+    for robot in ({}, dataset_robot(task.name, task.specs)):
+        settings = DatasetSettings(**robot)
+        results.create("dataset", settings.id, settings.model_dump())
+        assert advice() == f"--task {robot.get('robot', 'face_direction')}"
+
+    assert advice(task="gym:Hopper-v5", algo="sac") == "--task gym:Hopper-v5 --algo sac"

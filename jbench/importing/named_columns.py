@@ -1,6 +1,7 @@
 """Learning curves in CSV files, whose columns have the names that loggers and papers give them."""
 
 import re
+from collections.abc import Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Literal
@@ -12,7 +13,7 @@ from jbench.importing import tables
 from jbench.importing.path_names import PathNames, names_in_path, without_seed
 from jbench.importing.request import EVALUATION_TAG, RETURN, STEPS, TAGS
 from jbench.importing.wandb_chart import is_chart, read_chart
-from jbench.wording import in_prose
+from jbench.wording import are, counted, have, in_prose
 
 _MORE_STEPS = (
     "env_step",
@@ -90,10 +91,13 @@ def read_named_columns(file: tables.ImportedFile) -> tables.CurveFile:
             raise _lacks(role, table, file)
 
     numeric = {role: columns[role] for role in ("steps", "return")}
+    every = table
     table = tables.rows_with_value(table, numeric["return"])
     if table.empty:
         raise RequestError(f"{file.path} has no value of {numeric['return']}; leave it out.")
 
+    labels = [columns[role] for role in ("task", "method", "seed") if role in columns]
+    notes += _notes_on_empty_runs(every, table, labels, file)
     points = tables.numbers(table, numeric, file)
     points["steps"] = single_steps(points["steps"], numeric["steps"])
     if "seed" in columns:
@@ -115,6 +119,40 @@ def read_named_columns(file: tables.ImportedFile) -> tables.CurveFile:
             )
 
     return tables.CurveFile(points, notes)
+
+
+def _notes_on_empty_runs(
+    every: pd.DataFrame, kept: pd.DataFrame, labels: Sequence[str], file: tables.ImportedFile
+) -> list[str]:
+    """Returns a note on the runs of a file without any return, which may have failed.
+
+    Args:
+        every: all rows of the file.
+        kept: those with a return.
+        labels: columns that name a run; rows that lack one of them are none of a run.
+    """
+    if not labels:
+        return []
+
+    runs, with_returns = (
+        dict.fromkeys(
+            tuple(label.strip() for label in run)
+            for run in rows[labels].drop_duplicates().itertuples(index=False)
+        )
+        for rows in (every, kept)
+    )
+    empty = [run for run in runs if all(run) and run not in with_returns]
+    if not empty:
+        return []
+
+    count = len(empty)
+    first = ", ".join(f"{name} {label}" for name, label in zip(labels, empty[0], strict=True))
+    such = "" if count == 1 else "such as "
+    runs_of_file = f"{counted(count, 'run')} of {file.path.name}, {such}{first},"
+    return [
+        f"{runs_of_file} {have(count)} no return and {are(count)} left out; if training failed, "
+        "the method looks better than it is."
+    ]
 
 
 def _lacks(role: str, table: pd.DataFrame, file: tables.ImportedFile) -> RequestError:

@@ -115,6 +115,16 @@ def test_numbers_of_a_task_are_those_worked_out_by_hand(tmp_path):
     assert share[share.index > 0].iloc[0] == 2 / 8
 
 
+def test_runs_without_any_return_are_named(tmp_path):
+    curves = {("PPO", "walk", seed): [1, 2 + seed] for seed in range(3)}
+    curves["PPO", "walk", 7] = [None, None]
+    curves["PPO", "walk", 8] = [3, None]  # which ends early
+    report = found(write_csv(tmp_path / "walk.csv", curves))
+    assert report.seeds["seed"].tolist() == [0, 1, 2, 8]
+    (note,) = [note for note in report.notes if "left out" in note]
+    assert note.startswith("1 run of walk.csv, task walk, method PPO, seed 7, has no return and ")
+
+
 def test_rows_of_all_tasks_have_their_number_on_a_narrow_terminal(two_methods, monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", "66")
     returns, *_ = tables(found(two_methods))

@@ -9,10 +9,12 @@ from collections.abc import Sequence
 import typer
 
 from jbench import __version__
-from jbench.commands import output
+from jbench.commands import output, streams
 from jbench.commands.refusals import refusal
 from jbench.commands.verbs import Verb, Verbs
 from jbench.errors import RequestError, WorkError, warning_by
+
+_LISTS = "Lists"  # heading of the verbs that only print
 
 _VERBS = {
     verb.name: verb
@@ -45,13 +47,13 @@ _VERBS = {
             "export:export",
             "Policies",
         ),
-        Verb("algorithms td3", "catalog:algorithms", "Lists"),
-        Verb("tasks dmc:cheetah-run", "catalog:tasks", "Lists"),
-        Verb("datasets", "catalog:datasets", "Lists"),
-        Verb("runs --algo td3 --status finished", "runs:runs", "Lists"),
-        Verb("tail --algo td3 --last 10", "tail:tail", "Lists"),
-        Verb("query 'SELECT run, count(*) FROM episodes GROUP BY run'", "results:query", "Lists"),
-        Verb("leaderboard reference", "leaderboard:leaderboard", "Lists"),
+        Verb("algorithms td3", "catalog:algorithms", _LISTS),
+        Verb("tasks dmc:cheetah-run", "catalog:tasks", _LISTS),
+        Verb("datasets", "catalog:datasets", _LISTS),
+        Verb("runs --algo td3 --status finished", "runs:runs", _LISTS),
+        Verb("tail --algo td3 --last 10", "tail:tail", _LISTS),
+        Verb("query 'SELECT run, count(*) FROM episodes GROUP BY run'", "results:query", _LISTS),
+        Verb("leaderboard reference", "leaderboard:leaderboard", _LISTS),
         Verb(
             "import --from csv --seed-column seed --task face_direction --algo ppo FILE",
             "results:import_",
@@ -140,13 +142,15 @@ def _run(arguments: Sequence[str]) -> int:
     """Runs a verb; returns its exit code without raising."""
     # Most commands render nothing; without this, a machine without a display gets a warning.
     os.environ.setdefault("MUJOCO_GL", "disable")
+    streams.begin(outlives_reader=_is_work(arguments))
     output.begin(arguments)
     try:
         with output.documents_alone(), warning_by(output.warn_once):
             answer = app(arguments, prog_name="jbench", standalone_mode=False)
         if answer == _INTERRUPTED:  # as typer answers Ctrl-C
             raise KeyboardInterrupt
-        sys.stdout.flush()
+        with streams.writing():
+            sys.stdout.flush()
         if isinstance(answer, int):
             return answer
         return 0
@@ -162,9 +166,10 @@ def _run(arguments: Sequence[str]) -> int:
         return _INTERRUPTED
 
     except (BrokenPipeError, SystemExit) as end:
-        # typer and rich exit with 1 when the reader closes the pipe, as `head` does.
-        if BrokenPipeError not in (type(end), type(end.__context__)):
+        if not streams.reader_has_gone(end):
             raise
+        if _is_work(arguments):  # which code of others has ended by printing
+            return _failed("The output can't be written (Broken pipe).", 1)
         return 0
 
     except OSError as error:
@@ -175,11 +180,13 @@ def _run(arguments: Sequence[str]) -> int:
 
     finally:
         output.is_json = False
-        for stream in filter(None, (sys.__stdout__, sys.__stderr__)):
-            try:
-                stream.flush()
-            except OSError:  # else Python fails to write the rest when it exits
-                os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+        streams.throw_away_unread()
+
+
+def _is_work(arguments: Sequence[str]) -> bool:
+    """Returns whether a command does work, and not only prints a list or a help."""
+    verb = _VERBS.get(next(iter(arguments), ""))
+    return verb is not None and verb.heading != _LISTS and "--help" not in arguments
 
 
 def _failed(sentence: str, exit_code: int) -> int:

@@ -1,6 +1,5 @@
 """The terminal: text, tables and progress for people, or one JSON document for a program."""
 
-import io
 import json
 import math
 import os
@@ -12,6 +11,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, TextIO
 
 from jbench import wording
+from jbench.commands.streams import writing
 from jbench.errors import RequestError, WorkError
 from jbench.wording import are, counted
 
@@ -51,7 +51,6 @@ def begin(arguments: Sequence[str]) -> None:
     has_document = False
     _warned.clear()
     _kept = str
-    set_up_streams()
 
 
 @contextmanager
@@ -97,27 +96,6 @@ def note_task(task: "Task") -> None:
         warn(f"{task.name}: {note}.")
 
 
-def set_up_streams() -> None:
-    """Lets every character be written: what an encoding lacks is replaced.
-
-    So it is where a terminal or a pipe is not UTF-8, and with names of files that are not.
-    """
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")
-
-
-@contextmanager
-def _writing() -> Iterator[None]:
-    """Turns OS errors of the streams into a WorkError; a broken pipe is left to the caller."""
-    try:
-        yield
-    except BrokenPipeError:
-        raise
-    except OSError as error:
-        raise WorkError(f"The output can't be written ({error.strerror}).") from None
-
-
 def _for_people() -> TextIO:
     """Returns the stream of what people read: with `--json`, not that of the document."""
     if is_json:
@@ -125,13 +103,13 @@ def _for_people() -> TextIO:
     return sys.stdout
 
 
-@_writing()
+@writing()
 def say(text: str) -> None:
     """Prints a line for people."""
     print(printable(text), file=_for_people(), flush=True)
 
 
-@_writing()
+@writing()
 def warn(text: str) -> None:
     """Prints a line about something wrong that does not end the work."""
     print(f"Warning: {printable(text)}", file=sys.stderr, flush=True)
@@ -144,7 +122,7 @@ def warn_once(text: str) -> None:
         warn(text)
 
 
-@_writing()
+@writing()
 def table(
     title: str,
     header: Sequence[str],
@@ -225,7 +203,7 @@ def _plain(value: Any) -> Any:
     return str(value)
 
 
-@_writing()
+@writing()
 def raw(text: str) -> None:
     """Writes text to standard output unchanged."""
     global has_document

@@ -15,6 +15,7 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from jbench.commands.cells import shortened
+from jbench.commands.streams import writing
 from jbench.wording import duration
 
 _SPARKLINE = 16  # characters
@@ -71,7 +72,8 @@ class Meters(Progress):
             line = _plain_line(task)
             if self._plain_lines.get(task.id) != line:
                 self._plain_lines[task.id] = line
-                print(line, file=sys.stderr, flush=True)
+                with writing():
+                    print(line, file=sys.stderr, flush=True)
 
 
 @dataclass

@@ -1,6 +1,7 @@
 """Tests of commands whose output cannot be written, or whose pipe is closed."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -10,6 +11,7 @@ import time
 import pytest
 
 from jbench.store import Results, query
+from tests.store.store_whole import add_whole_run
 
 LONG = "SELECT * FROM published"
 FORMATS = ((), *(pytest.param((name,), marks=pytest.mark.slow) for name in ("--csv", "--json")))
@@ -27,6 +29,28 @@ def test_closed_pipe_is_no_error(format, tmp_path):
     process.stdout.close()
     assert process.stderr.read() == b""
     assert process.wait() == 0
+
+
+def test_work_goes_on_when_its_reader_has_gone(tmp_path):
+    results = Results(tmp_path / "results")
+    run = add_whole_run(results)
+    (run.path / "policy.json").write_bytes(b"damaged")
+    verified = start("verify", results=results.path, stdout=subprocess.PIPE)
+    verified.stdout.close()
+    assert b"Error: Some results are damaged" in verified.stderr.read()
+    assert verified.wait() == 1
+
+
+def test_streams_that_are_closed_take_no_file(tmp_path):
+    """The number of a closed stream would be that of the next file, into which others print."""
+    closed = {"preexec_fn": lambda: os.closerange(0, 3), "stderr": None}
+    assert start("runs", results=tmp_path / "missing", **closed).wait() == 2
+    script = "from jbench.commands import streams; streams.begin(outlives_reader=True)"
+    printed = "import os; os.write(1, b'x'); os.write(2, b'x'); os.read(0, 1); open('file', 'x')"
+    python = [sys.executable, "-c", f"{script}; {printed}"]
+    child = subprocess.Popen(python, cwd=tmp_path, preexec_fn=closed["preexec_fn"])
+    assert child.wait() == 0
+    assert (tmp_path / "file").read_bytes() == b""
 
 
 @pytest.mark.parametrize("format", FORMATS)

@@ -19,6 +19,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecNormalize
 from torch import nn
 
 from jbench.agents.find import find_class
+from jbench.agents.memory import memory_error
 from jbench.errors import ERRORS_OF_OTHERS, RequestError
 from jbench.policies.actors import UnsupportedPolicyError, copy_module, normalization
 from jbench.policies.layers import Clip, Scale, Shift
@@ -109,6 +110,9 @@ def build(algo: str, settings: Algorithm, env: VecEnv, seed: int) -> BaseAlgorit
             is passed as a tuple, and the name of a module of torch.nn as the class, such as "ReLU"
             for activation_fn in policy_kwargs. action_noise is the standard deviation of normal
             noise.
+
+    Raises:
+        WorkError: if the replay buffer of an algorithm of jbench exceeds the memory.
     """
     shape: Any = env.action_space.shape
     chosen: Mapping[str, Any]
@@ -121,7 +125,14 @@ def build(algo: str, settings: Algorithm, env: VecEnv, seed: int) -> BaseAlgorit
         chosen = settings.hyperparameters
 
     arguments = _arguments(chosen, shape)
-    agent: BaseAlgorithm = kind("MlpPolicy", env, seed=seed, device="cpu", **arguments)
+    try:
+        agent: BaseAlgorithm = kind("MlpPolicy", env, seed=seed, device="cpu", **arguments)
+    except MemoryError as error:
+        explained = memory_error(error, settings, seeds=1, memory="memory")
+        if explained is None:
+            raise
+        raise explained from None
+
     # No output to the terminal; the losses are read from the logger.
     agent.set_logger(Logger(folder=None, output_formats=[]))
     return agent

@@ -15,6 +15,7 @@ from jbench.agents.batched.make import make_engine
 from jbench.agents.batched.off_policy import ActionNoise, OffPolicyEngine
 from jbench.agents.engine import SeedState
 from jbench.agents.environments import Environments, Generators
+from jbench.agents.memory import memory_error
 from jbench.errors import RequestError, WorkError
 from jbench.policies.network import SavedNetwork
 from jbench.settings.algorithms import ALGORITHMS, SETTINGS, algorithm_settings
@@ -398,7 +399,7 @@ def test_actions_are_of_latest_policy():
         assert float(actions[step]) == pytest.approx(float(expected[0]), abs=1e-6)
 
 
-def test_out_of_memory_error_names_option(monkeypatch):
+def test_out_of_memory_error_of_a_gpu_names_option(monkeypatch):
     def full(*_, **__):
         raise torch.OutOfMemoryError("CUDA out of memory.")
 
@@ -406,3 +407,28 @@ def test_out_of_memory_error_names_option(monkeypatch):
     with pytest.raises(WorkError, match="replay buffers of 3 seeds: type fewer --seeds") as error:
         build_engine("ddpg", [0, 1, 2])
     assert "(in a matrix file, a key of [hyperparameters.ALGORITHM])" in str(error.value)
+
+
+def test_replay_buffer_that_exceeds_the_memory_names_option():
+    size = 10**13  # hundreds of terabytes
+    with pytest.raises(WorkError, match=f"of 1 seed: type less than --set buffer_size={size} "):
+        build_engine("td3", [0], changes={"buffer_size": size})
+    with pytest.raises(WorkError, match="of 2 seeds: type fewer --seeds at a time, or less than"):
+        build_engine("sac", [0, 1], changes={"buffer_size": size})
+
+
+@pytest.mark.parametrize(
+    ("shape", "library"),
+    [
+        ((10**13,), torch),
+        ((10**13, 10**7), torch),  # a number of bytes of more than 64 bits
+        ((10**13,), np),
+    ],
+)
+def test_errors_of_too_little_memory_are_told_from_others(shape, library):
+    settings = build_settings("ddpg")
+    with pytest.raises((MemoryError, RuntimeError)) as too_large:
+        library.zeros(shape)
+    assert memory_error(too_large.value, settings, 1, "memory") is not None
+    assert memory_error(too_large.value, build_settings("ppo"), 1, "memory") is None
+    assert memory_error(RuntimeError("another"), settings, 1, "memory") is None

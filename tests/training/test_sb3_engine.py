@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jbench.agents import sb3
-from jbench.errors import RequestError
+from jbench.errors import RequestError, WorkError
 from jbench.policies.saved import load_agent
 from jbench.settings.algorithms import Foreign
 from jbench.store import Results
@@ -155,6 +155,12 @@ def test_steps_between_learning_phases_are_those_of_two_environments(name, overr
 def test_standardization_that_vec_normalize_does_not_have_is_refused():
     with pytest.raises(ValueError, match="stable-baselines3 has no normalize_min_sd: choose the"):
         settings(overrides={"normalize": "running", "normalize_min_sd": 0.1})
+
+
+def test_replay_buffer_that_exceeds_the_memory_names_option():
+    size = 10**13  # hundreds of terabytes
+    with pytest.raises(WorkError, match=f"type less than --set buffer_size={size} "):
+        SB3Engine(settings(overrides={"buffer_size": size}), None, 0)
 
 
 @pytest.mark.parametrize("batch_size", [1, 2])

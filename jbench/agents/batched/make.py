@@ -18,13 +18,13 @@ from jbench.agents.batched.rule import Rule, make_rule, mean_actor, parameter_na
 from jbench.agents.batched.tensors import Tensors
 from jbench.agents.engine import CPU
 from jbench.agents.environments import Environments
+from jbench.agents.memory import memory_error
 from jbench.devices import check_precision
 from jbench.errors import ERRORS_OF_OTHERS, WorkError
 from jbench.names import Precision, TimeLimit
 from jbench.policies.actors import copy_module
 from jbench.settings.algorithms import SETTINGS, AlgorithmSettings, OffPolicySettings, PPOSettings
 from jbench.settings.records import OFESettings
-from jbench.wording import in_matrix_file
 
 
 def make_engine(
@@ -51,7 +51,7 @@ def make_engine(
     Raises:
         RequestError: if the device does not have the precision, the number of environments is
             wrong, or `settings.mirror` is not for the encoder of a seed.
-        WorkError: if the replay buffers exceed a GPU's memory, or the rule can't be trained.
+        WorkError: if the replay buffers exceed the memory, or the rule can't be trained.
         UnsupportedPolicyError: if the rule's policy can't be saved.
     """
     seeds = len(environments.generators)
@@ -71,14 +71,12 @@ def make_engine(
             time_limit=time_limit,
             stacked=device.type == "cuda" if stacked is None else stacked,
         )
-    except torch.OutOfMemoryError:
-        if not isinstance(settings, OffPolicySettings):
+    except (MemoryError, RuntimeError) as error:
+        memory = "memory" if device.type == "cpu" else "GPU's memory"
+        explained = memory_error(error, settings, seeds, memory)
+        if explained is None:
             raise
-        key = in_matrix_file("a key", "hyperparameters.ALGORITHM")
-        raise WorkError(
-            f"The GPU's memory is not enough for the replay buffers of {seeds} seeds: type fewer "
-            f"--seeds at a time, or less than --set buffer_size={settings.buffer_size} {key}."
-        ) from None
+        raise explained from None
 
 
 def _learner(

@@ -2,7 +2,7 @@
 
 import re
 from codecs import BOM_UTF8
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 
@@ -28,12 +28,6 @@ _COLUMNS = [*_RUN, "steps", "return"]
 
 _MOST = 1e15
 """Largest return; differences and sums of larger ones are no longer exact numbers."""
-
-_OF_TRAINING = (
-    "Each return of {} is that of a training episode; --returns training smooths them, and takes "
-    "the mean of the last ones as final return."
-)
-"""Note on files without evaluations, where those were asked for."""
 
 _MONITOR = re.compile(rb"#\s*{")
 """Beginning of the file of a Monitor."""
@@ -91,11 +85,11 @@ def _read(file: tables.ImportedFile, returns: ReturnsName) -> tables.CurveFile:
 def _checked(points: pd.DataFrame, path: Path) -> pd.DataFrame:
     """Returns points in order; raises a RequestError if they can't be those of curves."""
 
-    def check(is_right: pd.Series, reason: str) -> None:
+    def check(is_right: pd.Series, reason: Callable[[pd.Series], str]) -> None:
         if not is_right.all():
             row = points[~is_right].iloc[0]
             where = f"{path}: {row['method'][:40]!r} on {row['task'][:40]!r}, seed {row['seed']}"
-            raise RequestError(f"{where}: {reason.format(**row)}.")
+            raise RequestError(f"{where}: {reason(row)}.")
 
     for name in ("task", "method"):
         for text in points[name].unique():
@@ -105,20 +99,23 @@ def _checked(points: pd.DataFrame, path: Path) -> pd.DataFrame:
     is_count = points["steps"].between(0, tables.MAX_STEPS) & (points["steps"] % 1 == 0)
     check(
         is_count,
-        "{steps:g} is no number of steps; if steps are in millions, call the column million_steps",
+        lambda row: (
+            f"{row['steps']:g} is no number of steps; if steps are in millions, call the column "
+            "million_steps"
+        ),
     )
     check(
         points["return"].abs() <= _MOST,
-        f"the return {{return:g}} is not between -{_MOST:g} and {_MOST:g}",
+        lambda row: f"the return {row['return']:g} is not between -{_MOST:g} and {_MOST:g}",
     )
     runs = points.groupby(_RUN)["steps"]
     check(
         (runs.transform("max") > 0) | (runs.transform("size") == 1),
-        "all of its points are at 0 steps; export the curve with its steps",
+        lambda _: "all of its points are at 0 steps; export the curve with its steps",
     )
     points = points.astype({"steps": np.int64}).sort_values(_COLUMNS, ignore_index=True)
     doubled = points.duplicated(_COLUMNS[:-1])
-    check(~doubled, "two returns at {steps:,} steps; remove one of them")
+    check(~doubled, lambda row: f"two returns at {row['steps']:,} steps; remove one of them")
     return points
 
 
@@ -148,7 +145,7 @@ def _from_monitor(file: tables.ImportedFile, returns: ReturnsName) -> tables.Cur
 
     notes = []
     if returns == "evaluation":
-        notes.append(_OF_TRAINING.format("a Monitor"))
+        notes.append(_note_on_training("a Monitor"))
     if monitor.restarts:
         notes.append(
             f"The time goes back {counted(len(monitor.restarts), 'time')} in {file.path.name}: it "
@@ -157,6 +154,14 @@ def _from_monitor(file: tables.ImportedFile, returns: ReturnsName) -> tables.Cur
 
     points = monitor.points.rename(columns={"control_steps": "steps", "episode_return": "return"})
     return tables.CurveFile(_labelled(points, names), notes, [names])
+
+
+def _note_on_training(source: str) -> str:
+    """Returns the note on files without evaluations, where those were asked for."""
+    return (
+        f"Each return of {source} is that of a training episode; --returns training smooths them, "
+        "and takes the mean of the last ones as final return."
+    )
 
 
 def _from_events(
@@ -190,7 +195,7 @@ def _from_events(
     notes = _notes_on_events(left_out, empty)
     tags = {part.columns["return"] for part in chain.from_iterable(runs.values())}
     if returns == "evaluation" and TAGS[0] in tags:
-        notes.append(_OF_TRAINING.format(TAGS[0]))
+        notes.append(_note_on_training(TAGS[0]))
 
     curves = []
     for (task, method, seed), parts in runs.items():

@@ -1,7 +1,8 @@
 """Reads all files of an import, then writes a record for each seed."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -91,38 +92,47 @@ def _written(curve: _Curve, results: Results) -> Imported:
 def _check_points(points: pd.DataFrame, file: ImportedFile, task: str) -> None:
     """Raises a RequestError if returns, control steps or lengths can't be those of a task."""
 
-    def check(is_right: pd.Series, reason: str) -> None:
+    def check(is_right: pd.Series, sentence: Callable[[pd.Series], str]) -> None:
         if not is_right.all():
             wrong = points.assign(before=points["control_steps"].shift())[~is_right].iloc[0]
             where = f"{file.path}, {points.index.name} {wrong.name}"
-            raise RequestError(f"{where}: {reason.format(**wrong)}")
+            raise RequestError(f"{where}: {sentence(wrong)}")
 
     if points.empty:
         raise RequestError(f"{file.path} has no episode; leave the file out.")
 
     check(
         pd.Series(np.isfinite(points["episode_return"]), points.index),
-        "the return is {episode_return:g}, which is not a finite number.",
+        lambda row: f"the return is {row['episode_return']:g}, which is not a finite number.",
     )
     possible = return_range(task)
     if possible is not None:
         lowest, highest = possible
         check(
             points["episode_return"].between(lowest - _ROUNDING, highest + _ROUNDING),
-            "the return is {episode_return:g}, but that of an episode is from 0 to "
-            f"{highest:g}; import returns of the task's own rewards, not scaled ones or those of "
-            "another environment.",
+            lambda row: (
+                f"the return is {row['episode_return']:g}, but that of an episode is from 0 to "
+                f"{highest:g}; import returns of the task's own rewards, not scaled ones or those "
+                "of another environment."
+            ),
         )
 
     for name in points.columns.intersection([*_MAX]):
         is_count = points[name].between(0, _MAX[name]) & (points[name] % 1 == 0)
-        check(is_count, f"{{{name}:g}} is no number of control steps.")
+        check(is_count, partial(_sentence_on_count, name))
 
     check(
         ~(points["control_steps"].diff() < 0),
-        "the control steps go back from {before:,.0f} to {control_steps:,.0f}, so the file "
-        "has more than one training, or is not sorted by steps; split or sort it.",
+        lambda row: (
+            f"the control steps go back from {row['before']:,.0f} to {row['control_steps']:,.0f}, "
+            "so the file has more than one training, or is not sorted by steps; split or sort it."
+        ),
     )
+
+
+def _sentence_on_count(name: str, row: pd.Series) -> str:
+    """Returns what is wrong with a row whose value in a column is no number of control steps."""
+    return f"{row[name]:g} is no number of control steps."
 
 
 def _check_steps(series: Series, request: ImportRequest) -> None:

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import NamedTuple, get_args
 
 from jbench.cores import ONE_THREAD
-from jbench.names import Base
+from jbench.names import SettingsBase
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.run import RunSettings
 from jbench.sweeps.batches import batches
@@ -35,7 +35,7 @@ class Agent(NamedTuple):
     """An algorithm with the settings of a source."""
 
     algo: str
-    base: Base
+    base: SettingsBase
 
     def __str__(self) -> str:
         return f"{self.algo.upper()} {self.base}"
@@ -44,7 +44,7 @@ class Agent(NamedTuple):
 AGENTS = [
     Agent(algo, base)
     for algo, base in (("ddpg", "published"), ("ddpg", "figure8"), ("td3", "published"))
-    if base in get_args(Base)
+    if base in get_args(SettingsBase)
 ]
 
 
@@ -148,7 +148,7 @@ def _say(what: str) -> None:
     print(f"measuring {what}", file=sys.stderr, flush=True)
 
 
-def worker(algo: str, base: Base, seeds: str, core: str) -> None:
+def worker(algo: str, base: SettingsBase, seeds: str, core: str) -> None:
     """Prints the seconds per control step of this process, by both clocks."""
     import torch
 

@@ -20,11 +20,12 @@ agent of another package (one seed at a time)."""
 Precision = Literal["float32", "tf32", "bfloat16"]
 """Precision of the batched engine's matrix products; parameters are float32 in any case."""
 
-Base = Literal["published", "script", "figure8", "sb3", "suite"]
-"""Sources of hyperparameters: Table 1, completed by the numbers of the paper's library (published)
-or by those of stable-baselines3 (sb3), the authors' script, which differs from Table 1 (script), an
-earlier one, probably that of Figures 7 and 8 (figure8), or jbench's settings for other robots
-(suite)."""
+SettingsBase = Literal["published", "script", "figure8", "sb3", "suite"]
+"""Sources of hyperparameters, of which single ones may then differ (`--settings` and `--set`).
+
+They are Table 1, completed by the numbers of the paper's library (published) or by those of
+stable-baselines3 (sb3), the authors' script, which differs from Table 1 (script), an earlier one,
+probably that of Figures 7 and 8 (figure8), or jbench's settings for other robots (suite)."""
 
 EncoderBase = Literal["script"]
 """Sources of the options of an encoder that is not trained as in the paper's text."""

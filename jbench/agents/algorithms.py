@@ -12,7 +12,7 @@ from jbench.agents.batched.rule import Rule
 from jbench.agents.find import algorithm_provenance, find_class, package_and_version
 from jbench.agents.plugin import Agent
 from jbench.errors import RequestError
-from jbench.names import TASKS, Base, EngineName
+from jbench.names import TASKS, EngineName, SettingsBase
 from jbench.settings.algorithms import SETTINGS, algorithm_settings, default_base
 from jbench.settings.algorithms.base import Changes
 from jbench.settings.base import Settings, canonical_json, omissible, settings_with
@@ -126,7 +126,7 @@ def choose_engine(algo: str, wanted: EngineName | None = None) -> EngineName:
 def algorithm_fields(
     algo: str,
     engine: EngineName | None = None,
-    base: Base | None = None,
+    base: SettingsBase | None = None,
     overrides: Mapping[str, Any] | None = None,
     task: str = TASKS[0],
 ) -> dict[str, Any]:
@@ -155,7 +155,7 @@ def algorithm_fields(
     }
 
 
-def _changes_of_source(algo: str, base: Base | None, task: str) -> Changes:
+def _changes_of_source(algo: str, base: SettingsBase | None, task: str) -> Changes:
     """Returns what a source of hyperparameters changes in those of an algorithm of others.
 
     Only update rules may have sources, as those of `jbench.rules` have; `base` None is then the

@@ -138,7 +138,7 @@ def _settings(cell: Cell) -> ConfigurationSettings:
         task=cell.task,
         algo=cell.algo,
         representation=cell.representation,
-        settings=cell.settings,
+        settings=cell.base,
         encoder=first.encoder,
         precision=first.precision,
         time_limit=first.time_limit,

@@ -43,7 +43,7 @@ def train(
         "(train-encoder --seed 0-9).",
     ),
     seeds: str = Option("0-9", "--seeds", "--seed", help="Seeds to train, such as 0-9 or 0,2,5-7."),
-    settings: names.Base | None = Option(
+    settings: names.SettingsBase | None = Option(
         None,
         help="Hyperparameters: published (the paper's Table 1), script (the authors' script, which "
         "differs), figure8 (their earlier script, whose DDPG standardizes its inputs), sb3 "
@@ -116,7 +116,7 @@ def train(
 
 
 def _cell(
-    runs: list[RunSettings], algo: str, base: names.Base | None, notes: Sequence[str]
+    runs: list[RunSettings], algo: str, base: names.SettingsBase | None, notes: Sequence[str]
 ) -> "Cell":
     """Returns the only cell of a training, with sentences on its runs."""
     from jbench.settings.algorithms import default_base

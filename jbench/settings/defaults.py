@@ -7,7 +7,7 @@ from functools import cache
 from itertools import chain
 from typing import Any
 
-from jbench.names import Base
+from jbench.names import SettingsBase
 from jbench.settings.algorithms import (
     SETTINGS,
     algorithm_settings,
@@ -42,7 +42,7 @@ class Chosen:
         features: settings of learned features, by name.
     """
 
-    base: Base | None
+    base: SettingsBase | None
     is_usual_base: bool
     options: Mapping[str, Any]
     hyperparameters: Mapping[str, Any]
@@ -106,7 +106,7 @@ def differing_paths(flats: Collection[Flat]) -> set[SettingPath]:
     }
 
 
-def nearest_base(algo: str, hyperparameters: Mapping[str, Any], task: str) -> Base | None:
+def nearest_base(algo: str, hyperparameters: Mapping[str, Any], task: str) -> SettingsBase | None:
     """Returns the source with the fewest changes, of several the task's; None for foreign ones."""
     if algo not in SETTINGS:
         return None
@@ -115,7 +115,9 @@ def nearest_base(algo: str, hyperparameters: Mapping[str, Any], task: str) -> Ba
     return min(bases, key=lambda base: len(_changed(algo, hyperparameters, base)))
 
 
-def _changed(algo: str, hyperparameters: Mapping[str, Any], base: Base | None) -> dict[str, Any]:
+def _changed(
+    algo: str, hyperparameters: Mapping[str, Any], base: SettingsBase | None
+) -> dict[str, Any]:
     """Returns the hyperparameters that differ from those of a source; all of foreign ones."""
     if base is None:
         return dict(hyperparameters)
@@ -132,12 +134,12 @@ def _omitted(algo: str) -> Mapping[str, Any]:
 
 
 @cache
-def _source_values(algo: str, base: Base) -> Mapping[str, Any]:
+def _source_values(algo: str, base: SettingsBase) -> Mapping[str, Any]:
     """Returns all hyperparameters of a source, as JSON values."""
     return {**_omitted(algo), **algorithm_settings(algo, base).values}
 
 
-def _if_not_typed(name: str, run: RunSettings, base: Base | None) -> Any:
+def _if_not_typed(name: str, run: RunSettings, base: SettingsBase | None) -> Any:
     """Returns the value that an option of `jbench train` has if it is left out.
 
     It is None if it follows from other options.

@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Any
 
 from jbench.errors import RequestError
-from jbench.names import Base
+from jbench.names import SettingsBase
 from jbench.representation_names import FULL, kind_in, shown_representation
 from jbench.settings.algorithms import (
     SETTINGS,
@@ -46,8 +46,8 @@ class Arm:
         return short_name(self.representation)
 
     @property
-    def settings(self) -> Base:
-        """The source of the hyperparameters."""
+    def base(self) -> SettingsBase:
+        """The source of the hyperparameters, of which single ones may differ."""
         return default_base(self.task, self.part.settings)
 
     @property
@@ -91,7 +91,7 @@ class Arm:
         """The fields of `RunSettings` that describe the algorithm."""
         overrides = self.part.hyperparameters.get(self.algo)
         if self.algo in SETTINGS and self.part.engine != "plugin":
-            ours = algorithm_settings(self.algo, self.settings, overrides)
+            ours = algorithm_settings(self.algo, self.base, overrides)
             return {
                 "algo": self.algo,
                 "engine": self.part.engine or "batched",

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field
 
 from jbench.errors import RequestError
-from jbench.names import Base
+from jbench.names import SettingsBase
 from jbench.settings.base import Count, Seed, Settings, validated, whole
 from jbench.statistics.sequential import BLOCK
 from jbench.statistics.verdicts import ERROR_RATE
@@ -28,7 +28,7 @@ class Side(Settings):
     """A side of an entry, if it is a table; `docs/deciding.md` explains the keys."""
 
     representation: str
-    settings: Base | None = None
+    settings: SettingsBase | None = None
     hyperparameters: dict[str, Any] = Field(default_factory=dict)
     encoder: SideEncoder | None = None
 
@@ -48,7 +48,7 @@ class Entry(Settings):
     algo: str
     first: _Side
     second: _Side
-    settings: Base | None = None
+    settings: SettingsBase | None = None
     hyperparameters: dict[str, Any] = Field(default_factory=dict)
     steps: _Count | None = None
     claim: Claim = "a"

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, create_model
 
 from jbench.errors import RequestError
-from jbench.names import Base
+from jbench.names import SettingsBase
 from jbench.representation_names import FULL, OFE
 from jbench.settings.base import Seed, Settings, typed_default, validated, whole
 from jbench.settings.records import LABEL, DatasetSettings, requested_ofe
@@ -102,7 +102,7 @@ class Matrix(_keys(RunSettings, *(n for n in TYPED if not n.startswith(OF_EVALUA
     algos: _Names
     representations: _Names = (FULL,)
     seeds: _Seeds = tuple(range(10))
-    settings: Base | None = None  # None for that of the task
+    settings: SettingsBase | None = None  # None for that of the task
     hyperparameters: Annotated[
         dict[str, dict[str, Any]], BeforeValidator(_tables("hyperparameters", "algorithm", "td3"))
     ] = Field(default_factory=dict)

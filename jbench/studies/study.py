@@ -221,7 +221,7 @@ def _matching(every: Sequence[Arm], entry: Entry, side: Side) -> Iterator[Arm]:
         has_all = (
             all(values[name] == value for name, value in wanted.items())
             and entry.steps in (None, arm.run.steps)
-            and all(base in (None, arm.settings) for base in (entry.settings, side.settings))
+            and all(base in (None, arm.base) for base in (entry.settings, side.settings))
             and (side.encoder is None or side.encoder.seed == arm.part.encoder.seed)
         )
         if has_all:

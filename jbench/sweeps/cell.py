@@ -13,7 +13,7 @@ from jbench.encoders.registry import kind_names, make_kind
 from jbench.encoders.representations import named_encoder
 from jbench.encoders.settings import EncoderSettings, encoder_settings
 from jbench.encoders.training import plan_encoder
-from jbench.names import Base
+from jbench.names import SettingsBase
 from jbench.representation_names import FULL, OFE
 from jbench.settings.base import validated
 from jbench.settings.records import DatasetSettings, dataset_robot
@@ -35,6 +35,7 @@ class Cell:
 
     Attributes:
         representation: as typed: full, dae12, or the id of an encoder.
+        base: the source of the hyperparameters.
         encoders: settings of the runs' encoders, which are trained on the dataset if they are
             missing; empty for the full observation, and for an encoder given by its id.
         arms: the arms of a study whose runs these are, if any: several, if parts repeat them.
@@ -45,7 +46,7 @@ class Cell:
     algo: str
     representation: str
     runs: list[RunSettings]
-    settings: Base
+    base: SettingsBase
     encoders: tuple[EncoderSettings, ...] = ()
     dataset: DatasetSettings | None = None
     arms: tuple[Arm, ...] = field(default=(), compare=False)
@@ -124,7 +125,7 @@ def _cell(arm: Arm, results: Results, accept_changed: bool) -> Cell:
         algo=arm.algo,
         representation=name,
         runs=runs,
-        settings=arm.settings,
+        base=arm.base,
         encoders=tuple(encoders.values()),
         dataset=dataset,
         arms=(arm,),

@@ -30,7 +30,7 @@ def request_runs(
     task: str,
     encoder: str,
     seeds: Sequence[int],
-    base: names.Base | None,
+    base: names.SettingsBase | None,
     overrides: Mapping[str, Any],
     engine: names.EngineName | None = None,
     encoder_seeds: names.EncoderSeeds = "newest",
@@ -43,7 +43,7 @@ def request_runs(
         algo: one of `ALGORITHMS`, an installed agent or rule, or MODULE:CLASS.
         encoder: "none" or "full", "ofeN" for N features learned with the agent, or the name or id
             of an encoder in the results; see `jbench.encoders.find_encoder`.
-        base: see `names.Base`; None for that of the task.
+        base: see `names.SettingsBase`; None for that of the task.
         overrides: hyperparameters by name; ofe.NAME is a setting of ofeN.
         engine: None for the engine that follows from the algorithm.
         accept_changed: whether the encoder may be one whose kind has other code now.

@@ -14,7 +14,7 @@ from typing import Any, ClassVar, final
 from torch import Tensor, nn
 
 from jbench.errors import RequestError, WorkError
-from jbench.names import Base
+from jbench.names import SettingsBase
 from jbench.settings.algorithms import OffPolicySettings
 from jbench.settings.algorithms.base import Changes
 
@@ -55,7 +55,7 @@ class Rule(nn.Module):
     """
 
     Settings: ClassVar[type[OffPolicySettings]] = OffPolicySettings
-    bases: ClassVar[Mapping[Base, Changes]] = {}
+    bases: ClassVar[Mapping[SettingsBase, Changes]] = {}
     losses: Mapping[str, str] = {}
     gradients_first: tuple[str, ...] = ()
     targets: ClassVar[tuple[str, ...]] = ()

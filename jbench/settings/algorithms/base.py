@@ -15,7 +15,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, model_validator
 
 from jbench.errors import RequestError
-from jbench.names import Base, EngineName, Precision
+from jbench.names import EngineName, Precision, SettingsBase
 from jbench.settings.algorithms.algorithm import Algorithm
 from jbench.settings.base import Count, Settings, omissible
 
@@ -61,7 +61,7 @@ class AlgorithmSettings(Algorithm):
     """
 
     learner: ClassVar[str]
-    bases: ClassVar[Mapping[Base, Changes]] = {}
+    bases: ClassVar[Mapping[SettingsBase, Changes]] = {}
     precisions: ClassVar[tuple[Precision, ...]] = ("float32", "tf32", "bfloat16")
     knows_rollouts: ClassVar[bool] = True
     shares_updates: ClassVar[bool] = True

@@ -5,7 +5,7 @@ from typing import Any
 
 from jbench import task_specs
 from jbench.errors import RequestError
-from jbench.names import Base, TimeLimit
+from jbench.names import SettingsBase, TimeLimit
 from jbench.settings.algorithms.base import AlgorithmSettings
 from jbench.settings.algorithms.ddpg import DDPGSettings
 from jbench.settings.algorithms.ppo import PPOSettings
@@ -23,7 +23,7 @@ SETTINGS: dict[str, type[AlgorithmSettings]] = {
 ALGORITHMS = tuple(SETTINGS)
 """The four algorithms of the paper (section 5.1 and Figure 9)."""
 
-TIME_LIMITS: dict[Base, TimeLimit] = {"figure8": "terminal"}
+TIME_LIMITS: dict[SettingsBase, TimeLimit] = {"figure8": "terminal"}
 """Sources of hyperparameters that also say what the time limit is, unless it is typed."""
 
 
@@ -39,20 +39,20 @@ def display_name(algo: str) -> str:
     return algo
 
 
-def default_time_limit(base: Base | None) -> TimeLimit:
+def default_time_limit(base: SettingsBase | None) -> TimeLimit:
     """Returns what the time limit of an episode is if no other one is typed."""
     if base is None:
         return "bootstrap"
     return TIME_LIMITS.get(base, "bootstrap")
 
 
-def default_base(task: str, base: Base | None = None) -> Base:
+def default_base(task: str, base: SettingsBase | None = None) -> SettingsBase:
     """Returns the base as typed; of None, the task's: published for the Jitterbug, else suite."""
     return base or task_specs.default_base(task)
 
 
 def algorithm_settings(
-    algo: str, base: Base = "published", overrides: Mapping[str, Any] | None = None
+    algo: str, base: SettingsBase = "published", overrides: Mapping[str, Any] | None = None
 ) -> AlgorithmSettings:
     """Returns the settings of one of `ALGORITHMS`, with some values by name instead.
 

@@ -5,7 +5,7 @@ from typing import ClassVar, Literal, Self
 
 from pydantic import NonNegativeFloat, NonNegativeInt, PositiveFloat, model_validator
 
-from jbench.names import Base
+from jbench.names import SettingsBase
 from jbench.settings.algorithms.base import (
     EVERY_STEP,
     SUITE_OFF_POLICY,
@@ -30,7 +30,7 @@ class DDPGSettings(DeterministicSettings):
 
     learner: ClassVar[str] = "ddpg:DDPGLearner"
 
-    bases: ClassVar[Mapping[Base, Changes]] = {
+    bases: ClassVar[Mapping[SettingsBase, Changes]] = {
         "published": {},
         "script": _SCRIPT,
         "figure8": {

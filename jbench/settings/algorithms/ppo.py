@@ -6,7 +6,7 @@ from typing import ClassVar, Literal, Self
 from pydantic import Field, NonNegativeFloat, PositiveFloat
 
 from jbench.errors import RequestError
-from jbench.names import Base, Precision
+from jbench.names import Precision, SettingsBase
 from jbench.settings.algorithms.base import (
     AlgorithmSettings,
     Changes,
@@ -29,7 +29,7 @@ class PPOSettings(AlgorithmSettings):
 
     instead_of_environments: ClassVar[str] = "type n_envs, a setting of ppo"
 
-    bases: ClassVar[Mapping[Base, Changes]] = {
+    bases: ClassVar[Mapping[SettingsBase, Changes]] = {
         "published": {},
         "script": {
             "n_steps": 32,  # 256 over 8 environments

@@ -5,7 +5,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field, NonNegativeFloat
 
-from jbench.names import Base
+from jbench.names import SettingsBase
 from jbench.settings.algorithms.base import (
     SUITE_OFF_POLICY,
     Changes,
@@ -23,7 +23,7 @@ class SACSettings(OffPolicySettings):
 
     learns_features: ClassVar[bool] = True
 
-    bases: ClassVar[Mapping[Base, Changes]] = {
+    bases: ClassVar[Mapping[SettingsBase, Changes]] = {
         "published": {},
         "sb3": {"target_entropy": "auto"},
         "suite": {

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from pydantic import Field, NonNegativeFloat, NonNegativeInt
 
-from jbench.names import Base
+from jbench.names import SettingsBase
 from jbench.settings.algorithms.base import (
     SUITE_OFF_POLICY,
     Changes,
@@ -21,7 +21,7 @@ class TD3Settings(DeterministicSettings):
 
     learner: ClassVar[str] = "td3:TD3Learner"
 
-    bases: ClassVar[Mapping[Base, Changes]] = {
+    bases: ClassVar[Mapping[SettingsBase, Changes]] = {
         "published": {},
         # The first update is at step 10,000, not one episode later.
         "script": {"initialization": "glorot", "learning_starts": 9_999},

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from pathlib import Path
 
-from jbench.archive.lock import lock
+from jbench.archive.requirements import requirements_text
 
 _SAYS_NOTHING = {"root", "user", "admin", "localhost", "home", "tmp", "results", "main"}
 _SHORTEST = 3  # letters of a word that is looked for
@@ -30,7 +30,7 @@ def _words_of_every_archive() -> frozenset[str]:
     packages that it needs.
     """
     package = Path(__file__).parents[1]
-    words = _words_in(lock())
+    words = _words_in(requirements_text())
     for path in package.rglob("*"):
         is_text = path.suffix in (".py", ".j2", ".js") and path.is_file()
         if is_text and not path.is_relative_to(package / "paper"):

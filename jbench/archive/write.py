@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 
 from jbench import __version__
 from jbench.archive.blind import Blinder, Form, Verbatim
-from jbench.archive.lock import lock
+from jbench.archive.requirements import requirements_text
 from jbench.archive.words import found_in, words_of_this_machine
 from jbench.errors import RequestError, WorkError
 from jbench.report.report import write_report
@@ -192,7 +192,7 @@ def _write_texts(
     texts = {
         "README.txt": text,
         "matrix.toml": matrix_text([run.settings for run in runs], encoders, datasets),
-        "requirements.txt": lock(),
+        "requirements.txt": requirements_text(),
     }
     for name, content in texts.items():
         (root / name).write_text(content, encoding="utf-8")

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from jbench.archive import blind, lock, words, write
+from jbench.archive import blind, requirements, words, write
 from jbench.archive.write import leaks, settings_of_datasets, write_archive
 from jbench.errors import WorkError
 from jbench.report import figures
@@ -273,7 +273,7 @@ def test_host_is_looked_for_with_its_domain_and_without(known_machine, monkeypat
     assert {NAMES["host"], f"{NAMES['host']}.lab.org"} <= words.words_of_this_machine()
 
 
-def test_lock_is_what_an_index_has_with_the_extras_that_are_asked_for(monkeypatch):
+def test_requirements_are_what_an_index_has_with_the_extras_that_are_asked_for(monkeypatch):
     """The marker of an extra holds for those who ask for it, and spellings are one name."""
     needed = {
         "jbench": (
@@ -289,12 +289,12 @@ def test_lock_is_what_an_index_has_with_the_extras_that_are_asked_for(monkeypatc
 
     def distribution(name):
         if name not in needed:
-            raise lock.importlib.metadata.PackageNotFoundError(name)
+            raise requirements.importlib.metadata.PackageNotFoundError(name)
         version, requires = needed[name]
         return SimpleNamespace(version=version, requires=requires)
 
-    monkeypatch.setattr(lock.importlib.metadata, "distribution", distribution)
-    _, *lines = lock.lock().splitlines()
+    monkeypatch.setattr(requirements.importlib.metadata, "distribution", distribution)
+    _, *lines = requirements.requirements_text().splitlines()
     assert lines == ["etils-tools==1.15.0", "torch==2.13.0  # here 2.13.0+cpu", "zipp==4.1.2"]
 
 

@@ -1,4 +1,4 @@
-"""The versions of the packages that repeat runs."""
+"""The file requirements.txt of an archive: the versions of the packages that repeat its runs."""
 
 import importlib.metadata
 
@@ -13,8 +13,8 @@ _HEAD = """\
 """
 
 
-def lock() -> str:
-    """Returns the installed versions of all packages that jbench needs, for pip."""
+def requirements_text() -> str:
+    """Returns a file for pip with the installed versions of all packages that jbench needs."""
     versions = _needed("jbench")
     versions.pop("jbench", None)
     lines = [f"{name}=={_public(version)}\n" for name, version in sorted(versions.items())]

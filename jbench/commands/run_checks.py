@@ -14,11 +14,17 @@ from jbench.wording import in_matrix_file
 _NOTABLE_SLOWDOWN = 1.1  # a smaller one may be noise
 
 
-def check_runs(runs: Sequence[RunSettings], keep_state: KeepState, device: str | None) -> None:
+def check_runs(
+    runs: Sequence[RunSettings],
+    keep_state: KeepState,
+    device: str | None,
+    final_episodes: int | None = None,
+) -> None:
     """Checks that runs, one of each configuration, can be kept.
 
-    Warns of unexpected lengths, of hyperparameters without effect, and of a precision that this
-    machine's device, such as cpu, is slow in; the device is None if other machines train.
+    Warns of unexpected lengths, of hyperparameters and of episodes of the last evaluation that have
+    no effect, and of a precision that this machine's device, such as cpu, is slow in; the device is
+    None if other machines train.
     """
     if keep_state != "no":
         check_state_can_be_kept(runs, keep_state)
@@ -27,6 +33,11 @@ def check_runs(runs: Sequence[RunSettings], keep_state: KeepState, device: str |
         _warn_of_slow_bfloat16()
 
     sentences = list[str]()
+    if final_episodes is not None and not any(run.evaluate_episodes for run in runs):
+        sentences.append(
+            "--final-episodes has no effect without evaluations; type --evaluate-episodes 1 or "
+            f"more {in_matrix_file('the key episodes', 'evaluation')}."
+        )
     for run in runs:
         output.note_task(find_task(run.task))
         sentences += _without_effect(run)
@@ -40,7 +51,7 @@ def check_runs(runs: Sequence[RunSettings], keep_state: KeepState, device: str |
                 where = f"at the end of an episode of {episode:,}"
             sentences.append(f"a run of {run.steps:,} control steps ends after {end:,}, {where}.")
 
-        first = run.algorithm.first_update
+        first = run.first_update
         if end < first or (end == first and _ends_with_evaluation(run)):
             keys = in_matrix_file("the same keys", f"hyperparameters.{run.algo}")
             sentences.append(

@@ -121,7 +121,7 @@ def sweep(
     cells = matrix_cells(parts, database, accept_changed_code)
     output.if_stopped(partial(kept_of_cells, cells, database))
     measured = train_on if executor == "local" else None
-    check_runs([cell.runs[0] for cell in cells], keep, measured)
+    check_runs([cell.runs[0] for cell in cells], keep, measured, final_episodes)
     if until_decided:
         asked = comparisons or []
         train_more = None if dry_run else train

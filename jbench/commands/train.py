@@ -98,7 +98,7 @@ def train(
     )
     runs, notes = plan_runs(runs, database, accept_changed_code)
     runs = with_kept_evaluations(runs, database, chosen)
-    check_runs(runs[:1], keep, train_on)
+    check_runs(runs[:1], keep, train_on, final_episodes)
     notes = [*training.note_encoder(encoder, runs[0]), *notes]
     cells = [_cell(runs, algo, settings, notes)]
     if dry_run:

@@ -154,7 +154,7 @@ class _Process:
         self.name = f"{run.task} {run.algo} {run.representation} seed {seeds}"
         configurations = len({(run.task, run.representation) for run in runs})
         # The control steps before the first updates are fast and tell nothing of the time left.
-        self.warm_up = sum(run.algorithm.first_update for run in runs)
+        self.warm_up = sum(run.first_update for run in runs)
         self.warming_up = True
         self._alike = configurations == 1
         if not self._alike:

@@ -188,6 +188,11 @@ class RunSettings(TrainedSettings):
         return self.algorithm.rollout(self.environments)
 
     @property
+    def first_update(self) -> int:
+        """Number of control steps before the first update; 0 if it is unknown."""
+        return self.algorithm.first_update(self.environments)
+
+    @property
     def last_step(self) -> int:
         """Number of control steps at the end: `steps`, or more to complete a rollout."""
         return -(-self.steps // self.rollout) * self.rollout

@@ -131,7 +131,7 @@ def seconds_per_step(
     count = settings.environments
     evaluating = evaluation_steps(settings, final_episodes)
     idle = len(runs) * stepping(settings, len(runs) * count, device=device, clock=clock)
-    if settings.last_step < algorithm.first_update:
+    if settings.last_step < settings.first_update:
         return (1 + evaluating) * idle  # it ends before it learns
 
     short = algorithm.measurement(count, device, max(1, _UPDATES // len(runs)))
@@ -174,7 +174,7 @@ def learning_share(settings: RunSettings) -> float:
     The control steps of the phase that ends with the first update count as such: PPO, whose first
     update follows its first rollout, has 1.
     """
-    before = max(0, settings.algorithm.first_update - settings.rollout)
+    before = max(0, settings.first_update - settings.rollout)
     return max(0, settings.last_step - before) / settings.last_step
 
 
@@ -201,7 +201,7 @@ def stepping(
     """Returns the seconds per control step of one of several robots side by side.
 
     They do nothing without a policy `act`. On a GPU each thread has a robot: `robots` are then
-    multiplied by a whole number, so that the seeds of a policy still have as many each.
+    multiplied by a whole number, so that each seed of a policy still has the same number of them.
     """
     task = find_task(settings.task)
     threads = 1

@@ -269,8 +269,8 @@ class TrainingGroup:
         self._share_processor_time()
         failure: WorkError = error
         if isinstance(error, EpisodeError):
-            done = self._engine.control_steps
-            sentence = f"{str(error).rstrip('.')}; the run had made {done:,} control steps."
+            made = counted(self._engine.control_steps, "control step")
+            sentence = f"{str(error).rstrip('.')}; the run had made {made}."
             failure = WorkError(sentence)
 
         with _failing_alone(member):

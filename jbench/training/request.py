@@ -139,10 +139,10 @@ def make_runs(
 
 
 def _check_agent(run: RunSettings) -> None:
-    """Raises a RequestError if an agent of a run with its number of environments can't be made.
+    """Raises a RequestError if the environments of a run can't share its updates.
 
-    Others find out when they are made: the environments can't share the updates, or
-    stable-baselines3, or a class with its interface, refuses the settings.
+    So it does if stable-baselines3, or a class with its interface, refuses the settings. An agent
+    of another package refuses its settings when it is made.
     """
     settings = hyperparameters(run)
     if isinstance(settings, Algorithm):

@@ -295,6 +295,18 @@ def test_ratio_of_updates_is_independent_of_environments(environments, changes, 
         assert (engine.control_steps, engine.updates) == (120, updates)
 
 
+@pytest.mark.parametrize(("environments", "first"), [(1, 30), (3, 27), (4, 24), (12, 24)])
+def test_first_update_is_where_the_settings_say(environments, first):
+    changes = {"learning_starts": 20, "train_freq": 10, "gradient_steps": 10}
+    made = 0
+    with build_engine("td3", [0], environments=environments, changes=changes) as engine:
+        for _ in engine.learn(40):
+            if engine.updates:
+                break
+            made = engine.control_steps
+    assert (made, build_settings("td3", **changes).first_update(environments)) == (first, first)
+
+
 def test_indivisible_number_of_environments_is_refused():
     with pytest.raises(RequestError, match="3 environments can't share 5 updates every 10 control"):
         build_engine("ddpg", [0], environments=3)

@@ -356,6 +356,6 @@ def test_settings_of_figure8_are_those_of_the_earlier_script(tmp_path):
         "normalize_epsilon": 0.0,
         "normalize_start_count": 0.01,
     }
-    assert (run.algorithm.first_update, run.algorithm.normalize_clip) == (100, 5)
+    assert (run.first_update, run.algorithm.normalize_clip) == (100, 5)
     limits = [each.time_limit for each in (script, run, bootstrapped)]
     assert limits == ["bootstrap", "terminal", "bootstrap"]

@@ -193,8 +193,8 @@ def test_rule_of_a_user_has_the_rollouts_of_its_settings(environments, tmp_path)
         )
         for algo in ("td3", "jbench.rules:TD3")
     )
-    assert (theirs.rollout, theirs.last_step, theirs.algorithm.first_update) == (300, 1200, 600)
-    assert (ours.rollout, ours.last_step, ours.algorithm.first_update) == (300, 1200, 600)
+    assert (theirs.rollout, theirs.last_step, theirs.first_update) == (300, 1200, 600)
+    assert (ours.rollout, ours.last_step, ours.first_update) == (300, 1200, 600)
     assert learning_share(ours) == learning_share(theirs) == 0.75
     assert theirs.algorithm.knows_rollouts
 

@@ -213,7 +213,7 @@ def test_settings_with_the_source_stable_baselines_2_are_its_defaults(algo):
 def test_documented_first_updates():
     text = (Path(__file__).parents[2] / "docs" / "agents.md").read_text()
     (row,) = (line for line in text.splitlines() if line.startswith("| first update after"))
-    first = [algorithm_settings(algo).first_update for algo in ("ddpg", "td3", "sac")]
+    first = [algorithm_settings(algo).first_update() for algo in ("ddpg", "td3", "sac")]
     first.append(algorithm_settings("ppo").rollout(8))  # it learns from its first rollout
     assert [cell.strip() for cell in row.split("|")[3:-1]] == [f"{steps:,}" for steps in first]
 

@@ -29,7 +29,7 @@ def test_run_whose_last_evaluation_is_before_its_first_update_learns_nothing(
     algo, tmp_path, capsys
 ):
     run = requested(Results(tmp_path), SCHEDULE, algo=algo)
-    assert (run.steps, run.algorithm.first_update) == (1000, 1000)
+    assert (run.steps, run.first_update) == (1000, 1000)
     assert is_warned(run, capsys)
     assert is_warned(run.model_copy(update={"evaluate_every": 500}), capsys)
 
@@ -62,6 +62,13 @@ def test_hyperparameter_that_changes_nothing_is_warned_of(algo, chosen, needed, 
     said = " ".join(capsys.readouterr().err.split())
     assert f"{name} of {algo} has no effect without {needed}." in said
     assert said.count("has no effect") == 1
+
+
+@pytest.mark.parametrize(("episodes", "typed", "warned"), [(0, 5, 1), (0, None, 0), (1, 5, 0)])
+def test_last_evaluation_that_is_not_made_is_warned_of(episodes, typed, warned, capsys):
+    run = small_run("td3", {}, **{**LONG, "evaluate_episodes": episodes})
+    check_runs([run], "no", None, typed)
+    assert capsys.readouterr().err.count("--final-episodes has no effect") == warned
 
 
 @pytest.mark.parametrize(

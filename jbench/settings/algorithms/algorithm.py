@@ -35,9 +35,8 @@ class Algorithm(Settings):
         """Number of parallel environments of an agent, if no other one is typed."""
         return 1
 
-    @property
-    def first_update(self) -> int:
-        """Control steps before the first update, with one environment; 0 if unknown.
+    def first_update(self, environments: int = 1) -> int:
+        """Returns the control steps, over all environments, before the first update; 0 if unknown.
 
         An evaluation that is due at this control step is made before the update.
         """

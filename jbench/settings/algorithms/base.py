@@ -196,10 +196,10 @@ class OffPolicySettings(AlgorithmSettings):
         description="whether half of each minibatch is mirrored: x to -x, the action negated; ours",
     )
 
-    @property
-    def first_update(self) -> int:
+    def first_update(self, environments: int = 1) -> int:
         """See `Algorithm.first_update`."""
-        return self.train_freq * (self.learning_starts // self.train_freq + 1)
+        rollout = self.rollout(environments)
+        return rollout * (self.learning_starts // rollout + 1)
 
     def rollout_steps(self, environments: int) -> int:
         """Returns the control steps of each environment between learning phases."""

@@ -29,10 +29,9 @@ class ForeignRule(Foreign):
 
     knows_rollouts: ClassVar[bool] = True
 
-    @property
-    def first_update(self) -> int:
+    def first_update(self, environments: int = 1) -> int:
         """See `Algorithm.first_update`."""
-        return self._schedule.first_update
+        return self._schedule.first_update(environments)
 
     @property
     def is_mirrored(self) -> bool:

@@ -50,9 +50,9 @@ class Watched:
                 self.stored[step] = agent.replay_buffer.size()
             return after_step(trained, returns)
 
-        def watched_evaluation(worlds, *arguments):
+        def watched_evaluation(task, worlds, *arguments):
             self.evaluated[max(self.weights)] = shape(worlds._robots._model)
-            return evaluate(worlds, *arguments)
+            return evaluate(task, worlds, *arguments)
 
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(group.TrainingGroup, "_after_step", watched_step)

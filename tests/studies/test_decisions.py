@@ -176,6 +176,23 @@ def test_runs_without_evaluations_are_decided_by_their_training_returns(decided)
     assert (row["verdict"], row["returns"]) == ("higher", "training")
 
 
+@pytest.mark.parametrize(("evaluated", "kind"), [(0, "training"), (5, "evaluation")])
+def test_evaluations_are_not_compared_with_training(evaluated, kind, decided):
+    """Evaluation returns of all are 400, and training returns, with exploration, 345."""
+
+    def fill(results, run, is_planar):
+        # Of full, the first seeds were evaluated. Seeds vary so much that five decide nothing.
+        varied = 400.0 * (run.seed % 2)
+        returns = {step: value + varied for step, value in RISING.items()}
+        has_evaluations = is_planar or run.seed < evaluated
+        finish(results, run, returns if has_evaluations else {}, TRAINED + varied)
+
+    _, (row,) = decided("a", fill)
+    assert (row["returns"], row["difference"], row["verdict"]) == (kind, 0, "undecided")
+    # A seed that was not evaluated ends the comparison of evaluations.
+    assert row["seeds"] == (evaluated or 10)
+
+
 @pytest.mark.parametrize("claim", ["a", "c"])
 def test_returns_that_are_not_finite_are_left_out_and_a_run_without_others_stops(claim, decided):
     def fill(results, run, is_planar):

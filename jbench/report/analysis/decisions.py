@@ -62,10 +62,13 @@ class RecordedComparison:
 
     @property
     def returns(self) -> tuple[Returns, Returns]:
-        """What is compared of the runs of both arms."""
+        """What is compared of the runs of both arms: returns of one kind."""
+        if self.kind is None:
+            return {}, {}
+
         claim = self.comparison.claim
-        first = _returns(self.first, self.comparison.first, claim)
-        second = _returns(self.second, self.comparison.second, claim)
+        first = _returns(self.first, self.comparison.first, claim, self.kind)
+        second = _returns(self.second, self.comparison.second, claim, self.kind)
         return first, second
 
 
@@ -160,27 +163,29 @@ def _decided(study: Study) -> Iterator[dict[str, Any]]:
         }
 
 
-def _returns(by_kind: ByKind, arm: Arm, claim: Claim) -> dict[int, float | None]:
-    """Returns the returns of finished runs by seed: of evaluations, or without any of training.
+def _returns(
+    by_kind: ByKind, arm: Arm, claim: Claim, kind: ReturnsName
+) -> dict[int, float | None]:
+    """Returns the returns of a kind of finished runs by seed.
 
-    Means over the run of different evaluations are not comparable, so a run that was not evaluated
-    as the arm says has None.
+    A run without any, as one that was not evaluated, has None: its training returns include
+    exploration. So has a run that was not evaluated as the arm says, if means over the run are
+    compared: those of different evaluations are not comparable.
     """
     returns: dict[int, float | None] = {}
-    for kind in (TRAINING, EVALUATION):
-        config = by_kind.get(kind)
-        if config is None:
+    for config in by_kind.values():
+        usable = config.finished & (config.steps == arm.run.steps)
+        returns |= dict.fromkeys(config.seeds[usable].tolist())
+
+    config = by_kind[kind]
+    usable = config.finished & (config.steps == arm.run.steps)
+    for row in np.flatnonzero(usable):
+        is_alike = config.evaluate_every[row] == arm.run.evaluate_every
+        if claim == SPEED.claim and kind == EVALUATION and not is_alike:
             continue
 
-        usable = config.finished & (config.steps == arm.run.steps)
-        for row in np.flatnonzero(usable):
-            # Not those of `seed_scores`, which depend on the steps of the other seeds.
-            points = config.returns[row, : config.lengths[row]]
-            seed = int(config.seeds[row])
-            returns[seed] = compared_return(points, kind, claim)
-
-            is_alike = config.evaluate_every[row] == arm.run.evaluate_every
-            if claim == SPEED.claim and kind == EVALUATION and not is_alike:
-                returns[seed] = None
+        # Not those of `seed_scores`, which depend on the steps of the other seeds.
+        points = config.returns[row, : config.lengths[row]]
+        returns[int(config.seeds[row])] = compared_return(points, kind, claim)
 
     return returns

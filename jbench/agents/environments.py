@@ -93,9 +93,13 @@ class StepResult(NamedTuple):
 class Environments:
     """Seeds x environments robots of a task whose episodes have one length, reset together.
 
-    Close them in the end: they hold threads. The current inputs of the agents, `observations`,
-    are (seeds, environments, size), float32; `steps` are those of the current episode. `failures`
-    are the first errors of episodes that could not go on, by seed; the other seeds go on.
+    Close them in the end: they hold threads.
+
+    Attributes:
+        observations: (seeds, environments, size) the current inputs of the agents, in float32.
+        episodes: that each environment has completed.
+        steps: of the current episodes.
+        failures: the first error of an episode that could not go on, by seed; other seeds go on.
     """
 
     has_one_length = True

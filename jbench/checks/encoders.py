@@ -33,6 +33,9 @@ _EPISODES = 5
 _STEPS = 5000
 """Fewest control steps of these episodes."""
 
+_SEED = 0
+"""Seed of every encoder that is trained."""
+
 
 def checks(
     name: str, task: str, options: Mapping[str, Any], latents: int | None
@@ -56,8 +59,8 @@ def _class(name: str, task: str, options: Mapping[str, Any]) -> str:
 
     make_kind(name, options)
     sizes = _sizes(name, task, options)
-    latents = f"{sizes[0]}"
-    if len(sizes) != 1:
+    latents = str(sizes[0])
+    if len(sizes) > 1:
         latents = f"{sizes[0]} to {sizes[-1]}"
 
     return f"a subclass of {base}; {latents} latents on {task}"
@@ -106,11 +109,11 @@ class _Trial:
                 f"no description of {', '.join(silent)}: give Field a description, which the help "
                 "shows"
             )
-        return f"{', '.join(fields)}"
+        return ", ".join(fields)
 
     def training(self) -> str:
         """Trains an encoder on a small dataset."""
-        record = self._trained("first", 0)
+        record = self._trained("first")
         summary = record.manifest.summary
         explained = summary.get("test_explained")
         steps = self._dataset_settings().steps
@@ -119,7 +122,7 @@ class _Trial:
     def seeds(self) -> str:
         """Checks that training again with the same seed gives the same weights."""
         first, again = (
-            safetensors.numpy.load(self._trained(place, 0).read_file(WEIGHTS))
+            safetensors.numpy.load(self._trained(place).read_file(WEIGHTS))
             for place in ("first", "again")
         )
         different = [name for name in first if not np.array_equal(first[name], again[name])]
@@ -163,7 +166,7 @@ class _Trial:
 
     def _encoder(self) -> Any:
         """Returns the first trained encoder as agents load it."""
-        record = self._trained("first", 0)
+        record = self._trained("first")
         return load_encoder(Results(self._folder / "first"), record.id).encoder
 
     def _dataset_settings(self) -> DatasetSettings:
@@ -174,7 +177,7 @@ class _Trial:
         robot = dataset_robot(task.name, task.specs)
         return validated(DatasetSettings, "a dataset", steps=episodes * length, **robot)
 
-    def _train(self, place: str, seed: int) -> Record:
+    def _train(self, place: str) -> Record:
         """Collects a small dataset in a place of its own and trains an encoder on it."""
         results = Results(self._folder / place)
         collect(self._dataset_settings(), results, 1)
@@ -185,8 +188,8 @@ class _Trial:
             task=self._task,
             dataset=dataset.id,
             latents=self._latents,
-            seed=seed,
+            seed=_SEED,
         )
         scale = make_kind(self._name, self._options).scale
-        states = States(dataset, self._task, seed, scale=scale)
+        states = States(dataset, self._task, _SEED, scale=scale)
         return train_encoder(settings, states, results)

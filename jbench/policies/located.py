@@ -52,9 +52,9 @@ def locate_run(results: Results, name: str) -> LocatedRun:
     if any(run.left_out for run in runs):
         raise RequestError(f"The policy of {name} {LEFT_OUT}.")
 
-    same = [shipped for shipped in names if shipped.startswith(f"{name.rpartition('/')[0]}/")]
-    choices = same or sorted(get_close_matches(name, names, 3)) or names
     if not names:
         raise RequestError(f"No policy is shipped as {name}; this version of jbench ships none.")
 
+    same = [shipped for shipped in names if shipped.startswith(f"{name.rpartition('/')[0]}/")]
+    choices = same or sorted(get_close_matches(name, names, 3)) or names
     raise RequestError(f"No policy is shipped as {name}; type one of {', '.join(choices)}.")

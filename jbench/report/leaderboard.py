@@ -87,9 +87,17 @@ def leaderboard(
 
     An entry shares the rank of the one above it, unless its 95% interval lies below that of the
     first entry of this rank; those without an interval or with fewer than `DECIDING_SEEDS` seeds
-    have none. entry is the source of the runs, hand-written or published,
-    and n the number of seeds; of a hand-written policy, of episodes. Ours are configurations of
-    one kind of return, and algo (or None for all) selects policies and published curves.
+    have none.
+
+    Args:
+        ours: configurations of one kind of return.
+        by_hand: returns of the episodes of hand-written policies, by task.
+        published: the paper's learning curves.
+        algo: selects policies and published curves; None for all.
+
+    Returns:
+        `COLUMNS`, of which entry is the source of the runs, hand-written or published, and n the
+        number of seeds; of a hand-written policy, of episodes.
     """
     if algo not in (None, HEURISTIC):
         by_hand = {}
@@ -100,7 +108,10 @@ def leaderboard(
     every = every.reindex(columns=COLUMNS).sort_values("median", ascending=False, kind="stable")
 
     ranked = [_ranked(every[every["task"] == task]) for task in in_order(tasks)]
-    frame = pd.concat(ranked, ignore_index=True) if ranked else every
+    frame = every
+    if ranked:
+        frame = pd.concat(ranked, ignore_index=True)
+
     return frame.astype(dict.fromkeys(("rank", "n", "steps_min", "steps"), "Int64"))
 
 

@@ -53,12 +53,15 @@ def chosen(run: RunSettings) -> Chosen:
     """Returns the settings of a run that are not defaults."""
     base = nearest_base(run.algo, run.hyperparameters, run.task)
     values = {name: getattr(run, name) for name in TYPED}
+    options = {
+        name: value for name, value in values.items() if value != _if_not_typed(name, run, base)
+    }
     return Chosen(
-        base,
-        base in (None, default_base(run.task)),
-        {n: value for n, value in values.items() if value != _if_not_typed(n, run, base)},
-        _changed(run.algo, run.hyperparameters, base),
-        _chosen_features(run),
+        base=base,
+        is_usual_base=base in (None, default_base(run.task)),
+        options=options,
+        hyperparameters=_changed(run.algo, run.hyperparameters, base),
+        features=_chosen_features(run),
     )
 
 

@@ -67,7 +67,9 @@ class Evidence:
         if not self.is_decidable:
             return "undecided"
 
-        _, low, high, _ = self.estimate(1 - level)
+        interval = self.estimate(1 - level)
+        low = interval.low
+        high = interval.high
         if low > self.null_value - self.margin and high < self.null_value + self.margin:
             # Two tests: that the number is at or beyond the one end of the margin, or the other.
             p_of_equality = max(self.p_value(-self.margin), self.p_value(self.margin))

@@ -95,7 +95,9 @@ def _with_variants_in_words(
     if has_encoders:
         trained, _ = results.scan("encoder")
 
-    encoders = encoder_words((e.id, e.settings, e.manifest.created) for e in trained)
+    encoders = encoder_words(
+        (encoder.id, encoder.settings, encoder.manifest.created) for encoder in trained
+    )
     all_runs = chain.from_iterable(runs.values() for runs in variants.values())
     foreign = foreign_differences(all_runs)
     words = {

@@ -163,9 +163,7 @@ def _decided(study: Study) -> Iterator[dict[str, Any]]:
         }
 
 
-def _returns(
-    by_kind: ByKind, arm: Arm, claim: Claim, kind: ReturnsName
-) -> dict[int, float | None]:
+def _returns(by_kind: ByKind, arm: Arm, claim: Claim, kind: ReturnsName) -> dict[int, float | None]:
     """Returns the returns of a kind of finished runs by seed.
 
     A run without any, as one that was not evaluated, has None: its training returns include

@@ -115,6 +115,7 @@ def _entry(status: CellStatus) -> dict[str, Any]:
     """Returns an entry of the document: the settings of a cell, then the numbers of its status."""
     numbers = status._asdict()
     del numbers["cell"]
+    del numbers["certain"]
     return {**asdict(_settings(status.cell)), **numbers}
 
 

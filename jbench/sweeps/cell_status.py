@@ -55,6 +55,7 @@ class CellStatus(NamedTuple):
         estimate: source of `seconds_left`, as of `_Estimate`; empty if nothing is left.
         evaluating: share of the time that evaluations take; 0 if they have fewer control steps
             than the training, and so take at most half of the time.
+        certain: number of failed runs that are not trained again, since they would fail again.
     """
 
     cell: Cell
@@ -66,6 +67,12 @@ class CellStatus(NamedTuple):
     seconds_left: float | None
     estimate: str
     evaluating: float = 0.0
+    certain: int = 0
+
+    @property
+    def runs_left(self) -> int:
+        """Number of runs that are to be trained."""
+        return len(self.cell.runs) - self.finished - self.certain
 
 
 def cell_statuses(
@@ -87,18 +94,21 @@ def cell_statuses(
     measured: dict[tuple[str, int], _Estimate | None] = {}
     all_statuses = []
     for cell in cells:
-        statuses = [run_status(run, results) for run in cell.runs]
+        statuses = [run_status(run, results, device) for run in cell.runs]
         states = [status.state for status in statuses]
-        left = sum(status.steps_left for status in statuses if not status.fails_again)
-        runs = len(cell.runs) - states.count("finished")
+        waiting = [
+            (run, status.steps_left)
+            for run, status in zip(cell.runs, statuses, strict=True)
+            if status.state != "finished" and not status.fails_again
+        ]
+        runs = [run for run, _ in waiting]
+        left = sum(steps for _, steps in waiting)
 
         exactly = alike(cell.runs[0], SEED)
         about = alike(cell.runs[0], COST)
         shape = about, cell.runs[0].steps  # the share of evaluations depends on the steps
         if left and quick and shape not in measured:
-            pairs = zip(cell.runs, states, strict=True)
-            unfinished = [run for run, state in pairs if state != "finished"]
-            measured[shape] = _quick_measurement(unfinished, jobs, device, final_episodes)
+            measured[shape] = _quick_measurement(runs, jobs, device, final_episodes)
 
         known = (measured.get(shape), recorded.get(exactly), recorded.get(about))
         estimate = next(filter(None, known), _UNKNOWN)
@@ -114,9 +124,10 @@ def cell_statuses(
                 failed=states.count("failed"),
                 missing=states.count("missing"),
                 steps_left=left,
-                seconds_left=None if seconds is None else left * seconds / _busy(runs, jobs),
+                seconds_left=None if seconds is None else left * seconds / _busy(len(runs), jobs),
                 estimate=estimate.source if left else "",
                 evaluating=evaluating,
+                certain=sum(status.fails_again for status in statuses),
             )
         )
 
@@ -128,8 +139,8 @@ def seconds_left(statuses: Sequence[CellStatus], jobs: int) -> float | None:
     if any(status.seconds_left is None for status in statuses):
         return None
     times = [status.seconds_left or 0.0 for status in statuses]
-    left = (len(status.cell.runs) - status.finished for status in statuses)
-    total = sum(time * _busy(runs, jobs) for time, runs in zip(times, left, strict=True))
+    pairs = zip(times, statuses, strict=True)
+    total = sum(time * _busy(status.runs_left, jobs) for time, status in pairs)
     return max(total / jobs, *times, 0.0)
 
 

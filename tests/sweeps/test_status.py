@@ -97,6 +97,18 @@ def test_seeds_are_not_divided_among_processes(results, cell):
     assert line.seconds_left == pytest.approx(20.0)
 
 
+def test_run_that_would_fail_again_keeps_no_process_busy(results, cell):
+    finish(results, cell.runs[0], 20.0)
+    begin(results, cell.runs[1]).fail("It diverged.", {"diverged": {}})
+    # Two seeds at 2 ms a step are left, 10,000 steps each, side by side.
+    (line,) = cell_statuses([cell], results, jobs=3, quick=False)
+    assert (line.failed, line.steps_left) == (1, 20_000)
+    assert line.seconds_left == pytest.approx(20.0)
+    assert seconds_left([line], 3) == pytest.approx(20.0)
+    # A second configuration fills the gap: 80 s of a core, on two cores.
+    assert seconds_left([line, line], 2) == pytest.approx(40.0)
+
+
 def test_runs_of_other_robots_and_machines_give_no_estimate(results, cell):
     record = finish(results, cell.runs[0], 40.0)
     task = "dmc:cheetah-run"

@@ -16,7 +16,7 @@ from jbench.commands import options, output, parsing
 from jbench.commands.kept import kept_report
 from jbench.commands.watching import changes, open_page
 from jbench.errors import NothingYetError, RequestError, WorkError
-from jbench.report.request import Request, is_directory, names_typed
+from jbench.report.request import Request, bounds_typed, is_directory, names_typed
 from jbench.settings.base import validated
 from jbench.wording import repair_hint
 
@@ -70,6 +70,12 @@ def report(
         metavar="OLD=NEW",
         help="Show a representation, its kind, or a method of a file by another name: "
         "six-rows=ours; repeatable.",
+    ),
+    normalize: list[str] = Option(
+        [],
+        metavar="TASK=LOW,HIGH",
+        help="Returns of a task that are 0 and 1 where returns of several tasks are normalized "
+        "(default: the lowest and highest that are possible, or else recorded); repeatable.",
     ),
     table_columns: str | None = Option(
         None,
@@ -127,6 +133,7 @@ def report(
         compare=compare,
         curves=curves,
         study=tuple(dict.fromkeys(study)),
+        normalize=bounds_typed(normalize),
         names=names_typed(names_),
         table_columns=columns_of_table,
         watched=watch,

@@ -27,7 +27,7 @@ from jbench.report.data.source_names import FILE, IMPORTED
 from jbench.report.encoders import encoder_frame, kept_frame, prediction_frame
 from jbench.report.headline import headline
 from jbench.report.leaderboard import leaderboard
-from jbench.report.reading import notes_on, read, rename, tested_claims, use_margin
+from jbench.report.reading import notes_on, read, rename, tested_claims, use_choices
 from jbench.report.request import Request
 from jbench.report.runs import provenance_frame, run_frame
 from jbench.report.texts import clean, map_texts
@@ -68,7 +68,7 @@ class Frames:
         self.source, self._compared = read(results, request)
         self._every = self.source.configurations
         self._new_names = rename(self._every, request.names)
-        use_margin(self._every, request.margin)
+        use_choices(self.source, request)
         kinds = {config.returns_name for config in self._every}
         self.returns = request.returns if request.returns in kinds or not kinds else kinds.pop()
         self.metrics = map_texts(self.source.tables["metrics"])

@@ -6,6 +6,7 @@ import pandas as pd
 
 from jbench.errors import NothingYetError, RequestError, WorkError
 from jbench.names import RETURNS, is_reference
+from jbench.numbers import whole
 from jbench.report import policies
 from jbench.report.analysis import compare
 from jbench.report.analysis.claim_frame import claim_frame, published_findings
@@ -190,6 +191,40 @@ def notes_on(configurations: Sequence[Configuration]) -> list[str]:
         f"{note}."
         for note, names in named.items()
     ]
+
+
+def use_choices(source: Source, request: Request) -> None:
+    """Sets the margin and the bounds of normalized returns that a reader typed, if any."""
+    use_margin(source.configurations, request.margin)
+    for task, low, high in request.normalize:
+        _use_bounds(source.configurations, task, (low, high))
+        source.notes.append(
+            f"Normalized returns: of {task}, {whole(low)} is 0 and {whole(high)} is 1."
+        )
+
+
+def _use_bounds(
+    configurations: Iterable[Configuration], task: str, bounds: tuple[float, float]
+) -> None:
+    """Sets the returns of a task that are 0 and 1 where returns are normalized.
+
+    Raises:
+        RequestError: if there is no such task, or no other one to join it with.
+    """
+    tasks = dict.fromkeys(config.task for config in configurations)
+    if task not in tasks:
+        raise RequestError(
+            f"--normalize {task}: the report has no such task; it has {in_prose(tasks, 'and')}."
+        )
+    if len(tasks) == 1:
+        raise RequestError(
+            f"--normalize {task}: returns of a single task are not normalized; leave --normalize "
+            "out."
+        )
+
+    for config in configurations:
+        if config.task == task:
+            config.return_range = bounds
 
 
 def use_margin(configurations: Iterable[Configuration], margin: float | None) -> None:

@@ -1,5 +1,6 @@
 """Request for a report."""
 
+import math
 import re
 from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
@@ -110,12 +111,41 @@ def names_typed(typed: Sequence[str]) -> tuple[tuple[str, str], ...]:
     return tuple(pairs.items())
 
 
+def bounds_typed(typed: Sequence[str]) -> tuple[tuple[str, float, float], ...]:
+    """Returns task, lower and higher return of each `--normalize gym:Hopper-v5=0,3000`.
+
+    Names of tasks may have commas and equals signs. Raises a RequestError if a text is none of
+    this form, or a task is typed twice.
+    """
+    bounds: dict[str, tuple[str, float, float]] = {}
+    for text in typed:
+        task, _, ends = text.rpartition("=")
+        try:
+            low, high = map(float, ends.split(","))
+        except ValueError:
+            low = high = math.nan
+
+        if not (task and low < high and math.isfinite(high - low)):
+            raise RequestError(
+                f"--normalize {text}: type a task and two returns, the lower one first, such as "
+                "--normalize gym:Hopper-v5=0,3000."
+            )
+        if task in bounds:
+            raise RequestError(f"--normalize {text}: {task} is typed twice; type it once.")
+
+        bounds[task] = task, low, high
+
+    return tuple(bounds.values())
+
+
 class Request(Settings):
     """Contents of a report.
 
     Attributes:
         compare: two results directories, or two selections of settings; see `sources.side`.
         curves: file or folder with the curves of any environment, reported instead of results.
+        normalize: tasks, each with the returns that are 0 and 1 where returns of several tasks are
+            normalized; of others they are the lowest and highest that are possible or recorded.
         names: names that a page, figures and tables show, by representation, kind or method.
         table_columns: columns of the LaTeX table of final returns; None: those that fit a column
             of a paper.
@@ -166,6 +196,7 @@ class Request(Settings):
         description="difference of final returns that is similar, on tasks whose largest return "
         "is unknown (default: none is)",
     )
+    normalize: tuple[tuple[str, float, float], ...] = ()
     names: tuple[tuple[str, str], ...] = ()
     table_columns: tuple[str, ...] | None = None
     compare: tuple[str, str] | None = None

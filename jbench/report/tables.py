@@ -183,7 +183,8 @@ def _final_returns_caption(frames: Frames, agents: pd.DataFrame) -> str:
             "not a number of seeds."
         )
     if NORMALIZED in set(agents["task"]):
-        sentences.append("Normalized: 0 is the lowest and 1 the highest return of a task.")
+        other = ", or the bounds in the notes" if frames.request.normalize else ""
+        sentences.append(f"Normalized: 0 is the lowest and 1 the highest return of a task{other}.")
     return " ".join(sentences)
 
 

@@ -13,10 +13,11 @@ from axe_playwright_python.sync_playwright import Axe
 
 from jbench.cli import main
 from jbench.commands import output
+from jbench.errors import RequestError
 from jbench.importing.curves import to_json
 from jbench.importing.dialects import read_curves
 from jbench.report.frames import Frames
-from jbench.report.request import Request
+from jbench.report.request import Request, bounds_typed
 from jbench.report.tables import tables
 from tests.report.browser import HOSTILE, SIDEWAYS
 
@@ -91,6 +92,39 @@ def test_numbers_over_tasks_equal_rliable(tmp_path):
     profile = profile.loc[[name for name in profile.index if name.endswith("ours")]]
     places = np.searchsorted(profile["final_return"], np.array(thresholds) / 1000 - 1e-9)
     assert profile["share"].iloc[places].tolist() == pytest.approx(case["profile"])
+
+
+def test_bounds_of_normalized_returns_are_those_of_the_reader(tmp_path):
+    finals = {"walk": [100, 200, 300, 400], "hop,legs=1": [1, 2, 3, 4]}
+    curves = {
+        ("PPO", task, seed): [0, value]
+        for task, values in finals.items()
+        for seed, value in enumerate(values)
+    }
+    file = write_csv(tmp_path / "two.csv", curves)
+    typed = bounds_typed(["walk=0,400", "hop,legs=1=0,2"])
+    report = found(file, normalize=typed)
+    together = report.configurations.set_index("task").loc["all tasks, normalized"]
+    # Of 1/4, 1/2, 3/4 and 1, and of 1/2, 1, 3/2 and 2, two of eight are left out at each end.
+    assert together["iqm"] == (1 / 2 + 3 / 4 + 1 + 1) / 4
+    profile = report.profiles.query("task == 'all tasks, normalized'")
+    assert (profile["final_return"].min(), profile["final_return"].max()) == (0, 2)
+    assert "Normalized returns: of hop,legs=1, 0 is 0 and 2 is 1." in report.source.notes
+
+    with pytest.raises(RequestError, match="no such task; it has hop,legs=1 and walk"):
+        found(file, normalize=bounds_typed(["run=0,1"]))
+    with pytest.raises(RequestError, match="a single task are not normalized"):
+        found(file, task="walk", normalize=typed[:1])
+
+
+@pytest.mark.parametrize(
+    "wrong", ["walk", "walk=3", "walk=3,1", "walk=a,b", "walk=nan,1", "walk=0,inf", "=0,1"]
+)
+def test_bounds_that_are_none_are_refused(wrong):
+    with pytest.raises(RequestError, match="type a task and two returns, the lower one first"):
+        bounds_typed([wrong])
+    with pytest.raises(RequestError, match="walk is typed twice"):
+        bounds_typed(["walk=0,1", "walk=0,2"])
 
 
 def test_numbers_of_a_task_are_those_worked_out_by_hand(tmp_path):

@@ -1,7 +1,8 @@
 """Scores of each seed of a configuration, up to a control step, alone and over several tasks.
 
 Returns of tasks with different ranges are normalized before they are joined: 0 is the lowest and 1
-the highest return of a task, over all its runs and points. Tasks of dm_control share a range.
+the highest return of a task, over all its runs and points, or the bounds that a reader typed. Tasks
+of dm_control share a range.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -24,7 +25,6 @@ from jbench.statistics import bootstrap as st
 from jbench.statistics.agents import deviation_difference
 from jbench.statistics.permutation import p_value
 from jbench.statistics.verdicts import Evidence
-from jbench.task_specs import return_range
 
 IQM_DIFFERENCE = st.difference(st.interquartile_mean)
 # Names of several tasks together, which share a range or do not.
@@ -168,15 +168,15 @@ class Pair:
 
 
 def ranges(configurations: Iterable[Configuration]) -> dict[str, Range]:
-    """Returns the range of each task's returns: the possible ones if known, else the recorded.
+    """Returns the range of each task's returns: `return_range` if known, else the recorded.
 
     It is (0, 0) if none of a task's returns is finite.
     """
     known: dict[str, Range] = {}
     unknown = set[str]()
     for config in configurations:
-        possible = return_range(config.task)
-        if config.source == FILE or possible is None:
+        possible = config.return_range
+        if possible is None:
             recorded = config.returns[np.isfinite(config.returns)]
             if not len(recorded):
                 unknown.add(config.task)
@@ -235,6 +235,9 @@ def profile_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
         if not several and first.source == FILE:
             every = np.concatenate([finals[c] for c in alone if c.task == first.task])
             ends = every.min() - 0.02 * ((every.max() - every.min()) or 1), every.max()
+        else:  # beyond bounds that a reader typed
+            every = np.concatenate(scores)
+            ends = min(ends[0], every.min()), max(ends[1], every.max())
 
         thresholds = np.linspace(*ends, 201)
         low = high = np.full(len(thresholds), np.nan)

@@ -21,6 +21,7 @@ from jbench.returns import EVALUATION
 from jbench.settings.algorithms import ALGORITHMS, display_name
 from jbench.settings.recorded import comparable
 from jbench.studies.quantities import margin
+from jbench.task_specs import return_range
 
 SEQUENCE_WINDOW = 20  # episodes in a moving average, of one robot each (the authors' script)
 KEY = ["task", "algo", "representation", "variant"]  # columns of runs that name a configuration
@@ -62,6 +63,8 @@ class Configuration:
         robots: number of augmented robots in sequence; 0 for the plain robot.
         robot_episodes: episodes with each robot, in the longest run.
         draws: number of different encoders of the runs.
+        return_range: least and largest return of the task, or those that a reader chose to
+            normalize by; None if they are unknown.
         has_solved_return: whether it is known from which return the task is solved.
         margin: difference of final returns within which two configurations are similar; 0 if
             nothing is, as for a file and for a task whose largest return is unknown.
@@ -120,6 +123,7 @@ class Configuration:
         self.settings = first["typed"]
         self.evaluate_every = [getattr(run, "evaluate_every", 0) for run in runs["typed"]]
         self.has_solved_return = has_solved_return([self.task], [source])
+        self.return_range = None if source == FILE else return_range(self.task)
         self.margin = 0.0 if source == FILE else margin(self.task)
 
         self.lengths = self.lengths_up_to(np.inf)

@@ -1,6 +1,7 @@
 """Tests of environments whose `close` fails: it is a warning, and their work is kept."""
 
 import re
+import signal
 import warnings
 
 import numpy as np
@@ -86,7 +87,15 @@ def test_commands_warn_once_and_keep_their_work(run_command, tmp_path):
         assert [record.status for record in results.scan(kind)[0]] == ["finished"] * count
 
 
-@pytest.mark.usefixtures("forked_workers")
+@pytest.fixture
+def ctrl_c():
+    """Ctrl-C interrupts this process, which may have been started to ignore it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("forked_workers", "ctrl_c")
 def test_interrupt_of_close_in_a_worker_is_an_error_of_its_code(run_command, tmp_path):
     task = f"{MISTAKEN}:is_stopped_at_close"
     code, _, err = run_command(*TRAIN, "--task", task, results=tmp_path)

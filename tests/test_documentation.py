@@ -82,17 +82,20 @@ SLOW = {
     "agents.md",
     "curves.md",
     "database.md",
+    "datasets.md",
     "encoders.md",
     "export.md",
+    "figure9.md",
     "programs.md",
     "import.md",
     "recording.md",
     "report.md",
     "statistics-only.md",
     "submit.md",
+    "tracking.md",
     "SKILL.md",
 }
-"""Pages whose blocks take more than about five seconds."""
+"""Pages whose blocks take more than about two seconds."""
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,17 @@ CAPTIONS = {"hand-written": "hand-written policy", "TD3 on planar": "TD3 on `pla
 """What the captions call the policies of the clips."""
 
 
-@pytest.mark.parametrize("clip", gallery.GALLERY, ids=lambda clip: clip.task)
+FAST = ("move_from_origin", "face_direction")
+"""Tasks of a hand-written and of a trained policy."""
+
+
+@pytest.mark.parametrize(
+    "clip",
+    [
+        pytest.param(clip, id=clip.task, marks=() if clip.task in FAST else pytest.mark.slow)
+        for clip in gallery.GALLERY
+    ],
+)
 def test_caption_has_the_policy_and_the_return_of_its_episode(clip):
     text = (ROOT / "README.md").read_text()
     (caption,) = re.findall(rf"`{clip.task}`, (.*?): return (\d+)", text)

@@ -154,6 +154,7 @@ sys.exit(main(["collect", "--steps", "1000", "--results", sys.argv[1]]))
 """
 
 
+@pytest.mark.slow
 def test_without_dm_control_only_its_domain_is_refused(tmp_path):
     program = (WITHOUT_THE_DOMAIN, tmp_path / "results")
     printed, _ = answer(*program, env=customize(tmp_path, WITHOUT_DM_CONTROL))

@@ -82,7 +82,7 @@ SEVERAL = {"environments": 2, "time_limit": "terminal"}
     ("rule", "settings", "options"),
     [
         (TD3, TD3_SETTINGS, SEVERAL),
-        (TQC, TQC_SETTINGS, CHEETAH),
+        slow(TQC, TQC_SETTINGS, CHEETAH),
         slow(TD3, TD3_SETTINGS, {}),
         slow(TQC, TQC_SETTINGS, SEVERAL),
     ],
@@ -102,7 +102,7 @@ def test_policy_of_rule_moves_all_motors():
     ("rule", "settings", "stacked"),
     [
         (TD3, TD3_SETTINGS, True),
-        (TQC, TQC_SETTINGS, False),
+        slow(TQC, TQC_SETTINGS, False),
         slow(TD3, TD3_SETTINGS, False),
         slow(TQC, TQC_SETTINGS, True),
     ],

@@ -131,17 +131,27 @@ class OtherPolicy(Good):
         return nn.Sequential(nn.Linear(len(self.weights), 1), nn.Tanh())
 
 
+DEFECTS = {
+    "ForgetsNoise": ("state", "state must return everything that changes"),
+    "IgnoresSeed": ("seeds", "training again with the same seed gives other numbers"),
+    "DrawsWhenItActs": ("actions", "act returns other actions for the same observations"),
+    "ChangesWhenItActs": ("evaluation", "evaluating between two steps changes the training"),
+    "OtherPolicy": ("policy", "the saved policy acts differently from act"),
+}
+"""The check that fails, and what it says, by the class of the agent."""
+
+
 @pytest.mark.parametrize(
-    ("name", "failing", "sentence"),
+    "name",
     [
-        ("ForgetsNoise", "state", "state must return everything that changes"),
-        ("IgnoresSeed", "seeds", "training again with the same seed gives other numbers"),
-        ("DrawsWhenItActs", "actions", "act returns other actions for the same observations"),
-        ("ChangesWhenItActs", "evaluation", "evaluating between two steps changes the training"),
-        ("OtherPolicy", "policy", "the saved policy acts differently from act"),
+        pytest.param(
+            name, marks=() if name in ("ForgetsNoise", "OtherPolicy") else pytest.mark.slow
+        )
+        for name in DEFECTS
     ],
 )
-def test_defect_of_an_agent_is_found(states, monkeypatch, name, failing, sentence):
+def test_defect_of_an_agent_is_found(states, monkeypatch, name):
+    failing, sentence = DEFECTS[name]
     checked = states(f"{__name__}:{name}", code=1)
     assert checked[failing][0] == "fails"
     assert sentence in checked[failing][1]

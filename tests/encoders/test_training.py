@@ -29,6 +29,7 @@ STREAMED = 3 * 2 * 1001 * 16 * 4  # bytes of memory, enough for two episodes
 LEARNED = {"dae": {}, "ddae": {"horizon": 3}, "vae": {"hidden": 8}, "lld-vae": {"hidden": 8}}
 LEARNED["forward"] = {"hidden": 8, "horizon": 2}
 LEARNED["contrastive"] = {"hidden": 8}
+FAST = ("dae", "lld-vae", "forward")
 
 
 def train_until(epoch, *arguments, **more):
@@ -63,7 +64,13 @@ def test_every_row_is_used_once_per_epoch(trained):
 
 @pytest.mark.parametrize(
     ("kind", "commit_every"),
-    [*((kind, 0.0) for kind in LEARNED), ("dae", 1e9)],
+    [
+        *(
+            pytest.param(kind, 0.0, marks=() if kind in FAST else pytest.mark.slow)
+            for kind in LEARNED
+        ),
+        ("dae", 1e9),
+    ],
 )
 def test_interrupted_training_resumes_to_same_weights(trained, tmp_path, kind, commit_every):
     more = {"options": LEARNED[kind], "commit_every": commit_every}

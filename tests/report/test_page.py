@@ -313,6 +313,7 @@ def test_young_page_shows_both_representations_at_once(fabric, opened, tmp_path)
     assert "variability" not in shown.locator("main").inner_text()
 
 
+@pytest.mark.slow
 def test_long_name_in_a_legend_leaves_the_only_panel_its_width(fabric, opened, tmp_path):
     common = {"batch_size": 64, "hidden_layers": [128, 128], "learning_starts": 5000}
     for rate in (1e-3, 1e-4, 1e-5):

@@ -109,7 +109,20 @@ HOSTILE = {
 }
 
 
-@pytest.mark.parametrize("make", HOSTILE.values(), ids=HOSTILE)
+SLOW = (
+    *("manifest is a folder", "file is a device", "file is a pipe", "size without end"),
+    *("id is absolute", "summary is of other types", "folders without end"),
+)
+"""What is much like another of these, or takes longest."""
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        pytest.param(make, id=name, marks=pytest.mark.slow if name in SLOW else ())
+        for name, make in HOSTILE.items()
+    ],
+)
 def test_no_command_accesses_files_outside_or_prints_traceback(
     tmp_path, untrusted, secret, make, capsys
 ):

@@ -31,12 +31,12 @@ def flat(timestep):
 @pytest.mark.parametrize(
     "name",
     [
-        *("acrobot-swingup", "cheetah-run", "reacher-easy"),
+        "cheetah-run",
         *(
             pytest.param(name, marks=pytest.mark.slow)
             for name in (
-                *("cartpole-swingup", "finger-spin", "fish-swim", "hopper-hop"),
-                *("manipulator-bring_ball", "quadruped-walk", "swimmer-swimmer6"),
+                *("acrobot-swingup", "cartpole-swingup", "finger-spin", "fish-swim", "hopper-hop"),
+                *("manipulator-bring_ball", "quadruped-walk", "reacher-easy", "swimmer-swimmer6"),
             )
         ),
     ],

@@ -140,7 +140,8 @@ def test_full_buffer_of_episodes_that_end_early_is_computed_again(algo, tmp_path
         assert outcome(again, make_run(130)) == outcome(tmp_path / "once", make_run(130))
 
 
-@pytest.mark.parametrize("algo", ["td3", pytest.param("sac", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("algo", ["td3", "sac"])
 def test_episodes_of_robot_of_the_suite_are_repeated(algo, tmp_path):
     """They follow from their seeds and the commands of six motors."""
 

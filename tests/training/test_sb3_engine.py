@@ -113,7 +113,7 @@ SCHEDULES = {
 }
 
 
-@pytest.mark.parametrize("algo", SCHEDULES)
+@pytest.mark.parametrize("algo", ["ppo", pytest.param("td3", marks=pytest.mark.slow)])
 def test_evaluation_within_the_last_rollout_is_not_the_final_one(algo, tmp_path):
     """The rollouts end at the control steps 80 and 160: the latter is the run's last."""
     often = settings(algo, SCHEDULES[algo], steps=100, evaluate_every=50, evaluate_episodes=1)
@@ -124,6 +124,7 @@ def test_evaluation_within_the_last_rollout_is_not_the_final_one(algo, tmp_path)
     assert reevaluate(results, record).verdict == retrain(results, record, 2).verdict == "equal"
 
 
+@pytest.mark.slow
 def test_longer_evaluations_of_older_versions_are_repeated(tmp_path, monkeypatch):
     """They made each evaluation from `steps` on as long as the final one."""
     run = settings("ppo", SCHEDULES["ppo"], steps=100, evaluate_every=50, evaluate_episodes=1)

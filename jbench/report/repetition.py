@@ -66,7 +66,9 @@ def _command(provenance: Any) -> Any:
 
 
 def drops(runs: pd.DataFrame, problems: Sequence[str]) -> str:
-    """Returns how many runs failed, are unfinished, or are left out of all curves; "" without any.
+    """Returns how many runs failed, are unfinished, or are left out; "" without any.
+
+    Others may have no final return of the kind that the page shows first.
 
     Args:
         runs: see `run_frame`.
@@ -76,11 +78,13 @@ def drops(runs: pd.DataFrame, problems: Sequence[str]) -> str:
     if trained.empty and not problems:
         return ""
     ended = trained["status"]
-    unused = (trained["configuration"] == "") & ~ended.isin(["failed", "unfinished"])
+    others = trained[~ended.isin(["failed", "unfinished"])]
+    is_unused = others["configuration"] == ""
     counts = {
         "failed": int((ended == "failed").sum()),
         "unfinished": int((ended == "unfinished").sum()),
-        "left out": int(unused.sum()),
+        "left out": int(is_unused.sum()),
+        "without a final return": int((~is_unused & others["final"].isna()).sum()),
         "unreadable": len(problems),
     }
     parts = [f"{count} {what}" for what, count in counts.items() if count]

@@ -1,5 +1,6 @@
 """Tests of what the page says of runs that dropped out, and of how its runs are repeated."""
 
+import math
 import re
 
 import pytest
@@ -32,11 +33,14 @@ def test_page_counts_runs_that_failed_or_are_left_out(fabric):
     fabric.run(RETURNS, 1, status="failed")
     fabric.run(RETURNS, 2, status="unfinished")
     fabric.run(RETURNS[:4], 0)  # a shorter one of a seed that has a run
+    fabric.run([math.nan] * 8, 4)
     broken = fabric.run(RETURNS, 3)
     (broken.path / "manifest.json").write_text("{")
     found = Frames(fabric.results)
     counted = drops(found.runs, found.source.problems)
-    assert counted == "Of 4 runs: 1 failed, 1 unfinished, 1 left out, 1 unreadable."
+    assert counted == (
+        "Of 5 runs: 1 failed, 1 unfinished, 1 left out, 1 without a final return, 1 unreadable."
+    )
 
 
 def recorded(fabric, command, **changes):

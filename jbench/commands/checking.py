@@ -194,7 +194,6 @@ def reproduce(
     The parts are its last evaluation and its first training episodes.
     """
     os.environ.update(ONE_THREAD)  # as in training, before libraries are imported
-    from jbench.settings.recorded import recorded_episode_steps
     from jbench.store.code import have_changed
     from jbench.store.provenance import describe_changes
     from jbench.training import repeat
@@ -212,8 +211,7 @@ def reproduce(
     if episodes == 0:
         _check_can_be_compared(record, evaluation)
     else:
-        number = max(1, min(episodes, record.rows("episodes")))
-        total = number * recorded_episode_steps(record.settings)  # if none ended early
+        total = repeat.steps_to_repeat(record, episodes)
         with output.progress(f"reproduce {record.id}", total, "control steps") as progress:
             retraining = repeat.retrain(database, record, episodes, progress, accept_changed_code)
 

@@ -167,8 +167,7 @@ def retrain(
     or its encoder is not at hand, and a WorkError if the run is damaged, or its training fails.
     """
     settings = _settings_to_train(results, record, accept_changed)
-    ends = record.read("episodes")["control_steps"].to_pylist()
-    until = ends[min(episodes, len(ends)) - 1]
+    until = steps_to_repeat(record, episodes)
     recorded = read_rows(record, "episode", "evaluation", until=until)
     computed = _train_again(results, record, settings, until, recorded, progress)
     if ENGINES[settings.engine].has_one_stream:
@@ -235,6 +234,12 @@ def _train_again(
         trained = temporary.find("run", settings.id)
         assert trained is not None
         return read_rows(trained, "episode", "evaluation", until=until)
+
+
+def steps_to_repeat(record: Record, episodes: int) -> int:
+    """Returns the control steps of a run until its first episodes have ended; 0 if none has."""
+    ends = record.read("episodes")["control_steps"].to_pylist()
+    return int(ends[min(episodes, len(ends)) - 1] or 0) if ends else 0
 
 
 def default_episodes(record: Record) -> int:

@@ -11,8 +11,14 @@ from jbench.policies.network import DESCRIPTION, WEIGHTS
 from jbench.store import Results
 from jbench.store.shipped import shipped_results
 from jbench.training.batched_run import run_batch
-from jbench.training.log import POLICY_EVALUATION
-from jbench.training.repeat import changes_since, default_episodes, reevaluate, retrain
+from jbench.training.log import POLICY_EVALUATION, RunLog
+from jbench.training.repeat import (
+    changes_since,
+    default_episodes,
+    reevaluate,
+    retrain,
+    steps_to_repeat,
+)
 from tests.demo_results import ENCODER
 from tests.short_episodes import EPISODE
 from tests.training.small_runs import small_run
@@ -198,6 +204,25 @@ def test_run_without_episodes_or_of_another_program_is_refused(tmp_path):
     unknown = results.create("run", "t/a/full/s00-00000000", {"task": "t"})
     with pytest.raises(RequestError, match="Another program or version wrote"):
         retrain(results, unknown, 1)
+
+
+@pytest.mark.parametrize(
+    ("ends", "episodes", "steps"),
+    [
+        ([7, 9, 30], 2, 9),  # episodes that end early
+        ([7, 9, 30], 10, 30),
+        ([800, 800, 1600], 1, 800),  # of two environments
+        ([], 1, 0),
+    ],
+)
+def test_training_is_repeated_until_an_episode_has_ended(ends, episodes, steps, tmp_path):
+    run = settings()
+    record = Results(tmp_path).create("run", run.id, run.values)
+    log = RunLog(record)
+    for end in ends:
+        log.episode(end, 0.0, {}, 1)
+    log.commit()
+    assert steps_to_repeat(record, episodes) == steps
 
 
 def test_default_episodes_include_first_updates(trained):

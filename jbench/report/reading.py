@@ -213,9 +213,8 @@ def _use_bounds(
     """
     tasks = dict.fromkeys(config.task for config in configurations)
     if task not in tasks:
-        raise RequestError(
-            f"--normalize {task}: the report has no such task; it has {in_prose(tasks, 'and')}."
-        )
+        there = in_prose(tasks, "and") if tasks else "no runs"
+        raise RequestError(f"--normalize {task}: the report has no such task; it has {there}.")
     if len(tasks) == 1:
         raise RequestError(
             f"--normalize {task}: returns of a single task are not normalized; leave --normalize "

@@ -4,6 +4,7 @@ import gzip
 import itertools
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from jbench.errors import RequestError
 from jbench.importing.curves import to_json
 from jbench.importing.dialects import read_curves
 from jbench.report.frames import Frames
+from jbench.report.reading import use_choices
 from jbench.report.request import Request, bounds_typed
 from jbench.report.tables import tables
 from tests.report.browser import HOSTILE, SIDEWAYS
@@ -115,6 +117,8 @@ def test_bounds_of_normalized_returns_are_those_of_the_reader(tmp_path):
         found(file, normalize=bounds_typed(["run=0,1"]))
     with pytest.raises(RequestError, match="a single task are not normalized"):
         found(file, task="walk", normalize=typed[:1])
+    with pytest.raises(RequestError, match="no such task; it has no runs"):
+        use_choices(replace(report.source, configurations=[]), Request(normalize=typed))
 
 
 @pytest.mark.parametrize(

@@ -162,7 +162,9 @@ def _paths(rows: pd.DataFrame) -> Iterator[dict[str, Any]]:
             "yaw": last["target_yaw"],
             "heading": last["heading"],
         }
-        known = {name: round(float(v), 3) for name, v in numbers.items() if np.isfinite(v)}
+        known = {
+            name: round(float(value), 3) for name, value in numbers.items() if np.isfinite(value)
+        }
         points = (path[["x", "y"]].to_numpy(np.float64) * 1e4).round().astype(int)
         moved = np.append(True, (points[1:] != points[:-1]).any(axis=1))
         yield {**known, "points": points[moved].ravel().tolist()}

@@ -64,7 +64,8 @@ def panel_svgs(panel: Panel, label: str, name: str) -> str:
             root = ElementTree.fromstring(sink.getvalue())
             _clean(root)
             root.attrib = {"viewBox": root.attrib["viewBox"], "role": "img", "aria-label": label}
-            root.attrib |= {"class": names} if names else {}
+            if names:
+                root.attrib["class"] = names
             texts.append(ElementTree.tostring(root, encoding="unicode").replace(" />", "/>"))
 
     return "".join(texts)
@@ -143,8 +144,9 @@ def _replace_link(element: ElementTree.Element) -> None:
     """Makes a link around marks a group with a title; other links lose their namespace."""
     link = element.attrib.pop(_LINK, None)
     if element.tag == "a":
-        element.insert(0, title := ElementTree.Element("title"))
+        title = ElementTree.Element("title")
         title.text = link
+        element.insert(0, title)
         element.tag = "g"
         element.attrib = {}
     elif link:

@@ -70,7 +70,11 @@ def read_rows(
         wanted = () if columns is None else columns
         _check_footer(footer, entry, () if is_old else [field.name for field in wanted])
         names = footer.schema.names
-        coded = [f.name for f in wanted if f.name in names and pa.types.is_dictionary(f.type)]
+        coded = [
+            field.name
+            for field in wanted
+            if field.name in names and pa.types.is_dictionary(field.type)
+        ]
         # pyarrow 26 aborts processes that exit soon after it has started threads; only this way of
         # reading starts none.
         table = pq.ParquetFile(source, metadata=footer, read_dictionary=coded, pre_buffer=False)
@@ -150,7 +154,7 @@ def to_bytes(rows: pa.Table) -> bytes:
     """Returns the Parquet file of some rows."""
     # Measured floats rarely repeat, so dictionaries do not help; byte stream split compresses them
     # by a third better.
-    floats = [f.name for f in rows.schema if pa.types.is_floating(f.type)]
+    floats = [field.name for field in rows.schema if pa.types.is_floating(field.type)]
     sink = io.BytesIO()
     pq.write_table(
         rows,

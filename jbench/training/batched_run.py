@@ -51,9 +51,13 @@ def run_batch(
         until: control step at the end of an episode, where training stops and the runs remain
             unfinished; None to finish them.
         final_episodes: see `jbench.training.evaluation.final_evaluation_episodes`.
+        report: takes what happens, see `jbench.training.events`.
 
-    Returns the error of each failed run by id; a failure does not stop the others. Raises a
-    RequestError if the device is unavailable.
+    Returns:
+        The error of each failed run by id; a failure does not stop the others.
+
+    Raises:
+        RequestError: if the device is unavailable.
     """
     if not ENGINES[runs[0].engine].is_for_gpu:
         device = "cpu"
@@ -93,7 +97,11 @@ def run_batch(
         )
         _train(members, make_group, until)
 
-    return failures | {m.settings.id: m.failure for m in members if m.failure is not None}
+    for member in members:
+        if member.failure is not None:
+            failures[member.settings.id] = member.failure
+
+    return failures
 
 
 def _train(
@@ -103,7 +111,7 @@ def _train(
 ) -> None:
     """Trains members up to a control step (None: to the end), those at the same one together."""
     end = until or math.inf
-    while due := [m for m in members if m.is_unfinished and m.control_steps < end]:
+    while due := [one for one in members if one.is_unfinished and one.control_steps < end]:
         # Seeds may have stopped at different steps: those furthest behind catch up first.
         behind = min(member.control_steps for member in due)
         ahead = [member.control_steps for member in due if member.control_steps > behind]

@@ -143,11 +143,13 @@ def copied(
         column = rows.schema.get_field_index("run")
         run = pa.repeat(longer, rows.num_rows)
         tables[name] = rows.set_column(column, rows.schema.field(column), run)
+
     pieces = pieces_among(record.roles())
     files = {piece.role: record.read_file(piece.role) for piece in pieces}
     if replay is not None:
         piece = Piece(checkpoint.replay_row - replay.shape[1], checkpoint.replay_row)
         files |= piece_file(piece, replay)
+
     return tables, files | _state_file(checkpoint._replace(compact=None), longer)
 
 
@@ -203,13 +205,16 @@ def _read(record: Record, role: str) -> tuple[Position, SeedState, CompactReplay
         envelope = _Envelope.model_validate(header)
     except (KeyError, TypeError, ValidationError) as error:
         raise ValueError(f"its header is invalid ({str(error).splitlines()[0]})") from None
+
     if envelope.run != record.id:
         raise ValueError(f"it belongs to {envelope.run}")
+
     compact = None
     if envelope.compact is not None:
         actions = tensors.pop(_COMPACT_ACTIONS)
         rows = tensors.pop(_COMPACT_ROWS)
         compact = CompactReplay(envelope.compact, actions, rows)
+
     return envelope.position, SeedState(tensors, envelope.scalars), compact
 
 

@@ -194,8 +194,11 @@ def strata(finals: Sequence[FloatArray], tasks: Sequence[Range]) -> tuple[list[F
     """Returns final returns (seeds,) that can be joined, and their range: normalized if needed."""
     if len({*tasks}) == 1:
         return [*finals], tasks[0]
-    pairs = zip(finals, tasks, strict=True)
-    return [(final - low) / ((high - low) or 1.0) for final, (low, high) in pairs], (0.0, 1.0)
+    normalized = [
+        (final - low) / ((high - low) or 1.0)
+        for final, (low, high) in zip(finals, tasks, strict=True)
+    ]
+    return normalized, (0.0, 1.0)
 
 
 def together(known: Mapping[str, Range]) -> str:
@@ -228,13 +231,17 @@ def profile_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
     parts = []
     finals = {config: seed_scores(config).final for config in configurations}
     alone = [config for config, final in finals.items() if len(final)]
-    for group in [*([config] for config in alone), *on_all_tasks(configurations)]:
+    groups = [[config] for config in alone] + on_all_tasks(configurations)
+    for group in groups:
         first = group[0]
         several = len(group) > 1
-        scores, ends = strata([finals[c] for c in group], [known[c.task] for c in group])
+        scores, ends = strata(
+            [finals[each] for each in group], [known[each.task] for each in group]
+        )
         if not several and first.source == FILE:
-            every = np.concatenate([finals[c] for c in alone if c.task == first.task])
-            ends = every.min() - 0.02 * ((every.max() - every.min()) or 1), every.max()
+            every = np.concatenate([finals[each] for each in alone if each.task == first.task])
+            width = (every.max() - every.min()) or 1
+            ends = every.min() - 0.02 * width, every.max()
         else:  # beyond bounds that a reader typed
             every = np.concatenate(scores)
             ends = min(ends[0], every.min()), max(ends[1], every.max())
@@ -286,5 +293,8 @@ def with_file_means(frame: pd.DataFrame, configurations: Sequence[Configuration]
         }
         rows.append(row)
 
+    if not rows:
+        return frame
+
     more = pd.DataFrame(rows, columns=frame.columns).astype({"reached": "Int64"})
-    return pd.concat([frame, more], ignore_index=True) if rows else frame
+    return pd.concat([frame, more], ignore_index=True)

@@ -28,8 +28,10 @@ def notes_on_runs(
     # Of which kind the returns of a file are is not known.
     point = "point" if source == FILE else _POINT[kind]
     notes = []
-    is_cut = any(CUT in word for word in words)
-    if is_cut and (every := chosen_words(chosen["typed"].iloc[0])):
+    every = ""
+    if any(CUT in word for word in words):
+        every = chosen_words(chosen["typed"].iloc[0])
+    if every:
         notes.append(f"its settings other than the defaults: {every}")
 
     if len(chosen) < MIN_SEEDS:
@@ -37,10 +39,10 @@ def notes_on_runs(
         notes.append(f"{few}: too few for a band and for quantiles")
 
     lengths = dict(zip(chosen["seed"], chosen["recorded"], strict=True))
-    for seed, recorded in same.drop(chosen.index).groupby("seed")["recorded"]:
+    for seed, shorter in same.drop(chosen.index).groupby("seed")["recorded"]:
         notes.append(
-            f"seed {seed} has {len(recorded) + 1} runs: the longest is used, of {lengths[seed]} "
-            f"{point}s, not that of {', '.join(map(str, recorded))}"
+            f"seed {seed} has {len(shorter) + 1} runs: the longest is used, of {lengths[seed]} "
+            f"{point}s, not that of {', '.join(map(str, shorter))}"
         )
 
     notes += notes_on_weights(chosen)
@@ -59,8 +61,9 @@ def notes_on_runs(
 
     # Where episodes end early, runs of the same control steps have other numbers of them.
     is_whole = others["steps"].nunique() == 1 and (others["status"] == "finished").all()
-    if (different := others["recorded"]).nunique() > 1 and not is_whole:
-        notes.append(f"seeds of unequal length, {different.min()} to {different.max()} {point}s")
+    recorded = others["recorded"]
+    if recorded.nunique() > 1 and not is_whole:
+        notes.append(f"seeds of unequal length, {recorded.min()} to {recorded.max()} {point}s")
 
     return notes
 
@@ -103,7 +106,11 @@ def _notes_on_steps(config: Configuration) -> list[str]:
             "interpolated linearly between its own points"
         )
 
-    if len(common.control_steps) and (end := common.control_steps[-1]) < config.longest:
+    if not len(common.control_steps):
+        return notes
+
+    end = common.control_steps[-1]
+    if end < config.longest:
         notes.append(
             f"its curve{of} ends at {end:,.0f} control steps, the last that every seed has reached"
         )

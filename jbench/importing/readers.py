@@ -171,7 +171,8 @@ def read_monitor(file: ImportedFile) -> Monitor:
             "after a #."
         )
 
-    if (appended := file.content.find(b"\n#")) >= 0:
+    appended = file.content.find(b"\n#")
+    if appended >= 0:
         line = file.content[:appended].count(b"\n") + 2
         raise RequestError(
             f"{file.path}, line {line}: the file of a second Monitor was appended; split the file "

@@ -186,8 +186,10 @@ def _points(change: Change) -> Iterator[tuple[int, float, _Values]]:
             values = {"training/episode_return": first["episode_return"]}
             for name in LOSSES:
                 values[f"losses/{name}"] = first[name]
-        elif None not in (returns := [row["episode_return"] for row in rows]):
-            values["evaluation/mean_return"] = sum(returns) / len(returns)
+        else:
+            returns = [row["episode_return"] for row in rows]
+            if None not in returns:
+                values["evaluation/mean_return"] = sum(returns) / len(returns)
 
         known = {name: value for name, value in values.items() if value is not None}
         yield first["control_steps"], created + (first["wall_time"] or 0.0), known

@@ -146,7 +146,8 @@ def table_files(frames: Frames) -> Iterator[tuple[str, str]]:
         "positions",
         "sequences",
     ):  # frames of figures
-        if len(frame := getattr(frames, name)):
+        frame = getattr(frames, name)
+        if len(frame):
             yield f"{name}.csv", to_csv(frame)
 
 

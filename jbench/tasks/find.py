@@ -64,11 +64,12 @@ def find_task(name: str) -> Task:
     if plugins.is_imported(name):
         factory = plugins.imported("task", name)
         return _made_by(name, factory, source_files(name.partition(":")[0]))
-    if name in (points := installed_tasks()):
-        factory = plugins.load("task", points[name])
-        return _made_by(name, factory, source_files(points[name].module))
 
-    raise unknown_task(name)
+    point = installed_tasks().get(name)
+    if point is None:
+        raise unknown_task(name)
+
+    return _made_by(name, plugins.load("task", point), source_files(point.module))
 
 
 def _copied(task: EnvironmentTask) -> Any:

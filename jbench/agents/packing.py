@@ -41,8 +41,8 @@ def pack(value: Any, tensors: dict[str, Tensor], where: str = "state()") -> Any:
         return {"array" if isinstance(value, np.ndarray) else "number": name}
 
     raise WorkError(
-        f"{where} of the agent is a {type(value).__name__}, which can't be saved: return tensors, "
-        "arrays, numbers, texts, lists and dictionaries."
+        f"{where} of the agent is of the type {type(value).__name__}, which can't be saved: return "
+        "tensors, arrays, numbers, texts, lists and dictionaries."
     )
 
 

@@ -43,7 +43,7 @@ class PluginEngine(Engine):
         Raises:
             UnsupportedPolicyError: if its policy can't be saved.
             WorkError: if its own code raises an error, or returns actions of a wrong shape, or
-                losses that are no dictionary or have no column, here and below.
+                losses that are no dictionary of numbers or have no column, here and below.
         """
         self._name = name
         self._time_limit = time_limit
@@ -138,23 +138,34 @@ class PluginEngine(Engine):
             terminated,
             truncated,
         )
-        losses = self._call(self._agent.learn, transition)
-        if not isinstance(losses, Mapping):
-            raise WorkError(
-                f"learn of the agent {self._name} returned a {type(losses).__name__}; it must "
-                "return a dictionary of losses, {} if there are none."
-            )
-
-        numbers = {name: float(value) for name, value in losses.items()}
-        if unknown := sorted(numbers.keys() - schema.LOSSES):
-            raise WorkError(
-                f"learn of the agent {self._name} returned the loss {', '.join(unknown)}; there "
-                f"are columns for {', '.join(schema.LOSSES)}."
-            )
-
+        numbers = self._numbers(self._call(self._agent.learn, transition))
         self._losses |= numbers
         if (name := divergent_loss(numbers)) is not None:
             self._record_divergence(0, name)
+
+    def _numbers(self, losses: Any) -> dict[str, float]:
+        """Returns the losses that `learn` returned by column, or a WorkError."""
+        said = f"learn of the agent {self._name} returned"
+        if not isinstance(losses, Mapping):
+            raise WorkError(
+                f"{said} a {type(losses).__name__}; it must return a dictionary of losses, {{}} if "
+                "there are none."
+            )
+
+        if unknown := sorted(map(str, losses.keys() - schema.LOSSES)):
+            raise WorkError(
+                f"{said} the loss {', '.join(unknown)}; there are columns for "
+                f"{', '.join(schema.LOSSES)}."
+            )
+
+        numbers = dict[str, float]()
+        for name, value in losses.items():
+            try:
+                numbers[name] = float(value)
+            except ERRORS_OF_OTHERS:
+                kind = type(value).__name__
+                raise WorkError(f"{said} a {kind} as {name}; a loss must be one number.") from None
+        return numbers
 
     def _truncate(self, step: StepResult) -> None:
         """Tells the agent, which has learned from the last transitions already."""

@@ -272,6 +272,28 @@ def test_actions_that_are_no_array_of_numbers_are_refused(answer):
         engine.act(np.ones((1, 2, 16), np.float32))
 
 
+@pytest.mark.parametrize("loss", [torch.zeros(2), np.zeros(2), "much", None])
+def test_loss_that_is_no_number_is_refused(loss):
+    class Faulty(RandomAgent):
+        def learn(self, transition):
+            return {"critic_loss": loss}
+
+    says = f"returned a {type(loss).__name__} as critic_loss; a loss must be one number"
+    with build_engine(Faulty) as engine, pytest.raises(WorkError, match=says):
+        next(engine.learn(10))
+
+
+@pytest.mark.parametrize("loss", [torch.ones(1), np.float32(1), np.ones(()), 1])
+def test_loss_may_be_a_number_of_any_library(loss):
+    class Learning(RandomAgent):
+        def learn(self, transition):
+            return {"critic_loss": loss}
+
+    with build_engine(Learning) as engine:
+        next(engine.learn(10))
+        assert engine.losses(0) == {"critic_loss": 1.0}
+
+
 def test_nonfinite_loss_is_divergence():
     class Diverging(RandomAgent):
         def learn(self, transition):
@@ -329,5 +351,5 @@ def test_packed_tensor_is_copy():
 
 
 def test_unsupported_object_is_refused_with_its_path():
-    with pytest.raises(WorkError, match=r"state\(\)\['buffer'\]\[1\] of the agent is a set"):
+    with pytest.raises(WorkError, match=r"state\(\)\['buffer'\]\[1\] of the agent is of .* set"):
         pack({"buffer": [0, {1, 2}]}, {})

@@ -56,13 +56,22 @@ class Process(Forked):
         return self._out.read(), self._err.read()
 
     def printed(self):
-        """Returns the standard output so far, without a move in the file, which the two share."""
-        return os.pread(self._out.fileno(), os.fstat(self._out.fileno()).st_size, 0).decode()
+        """Returns the standard output so far."""
+        return _so_far(self._out)
+
+    def said(self):
+        """Returns the standard error so far."""
+        return _so_far(self._err)
 
     def finished(self):
         """Waits until the process ends; returns the same as `subprocess.run`."""
         out, err = self.communicate(timeout=600)
         return subprocess.CompletedProcess((), self.returncode, out, err)
+
+
+def _so_far(file):
+    """Returns the text of a file, without a move in it, since a process writes there."""
+    return os.pread(file.fileno(), os.fstat(file.fileno()).st_size, 0).decode()
 
 
 def start(*arguments, results=None, cwd=None, short=False):

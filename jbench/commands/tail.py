@@ -52,6 +52,7 @@ def tail(
         lines_of = _json_lines
 
     is_empty = True
+    is_told = False  # that there are no runs yet
     try:
         while True:
             for change in follower.changes():
@@ -67,6 +68,10 @@ def tail(
 
             if once:
                 break
+            if is_empty and not is_told:
+                output.say(f"No such runs in {results} yet; they are printed here as they come.")
+                is_told = True
+
             last = None
             time.sleep(POLL_SECONDS)
     except KeyboardInterrupt:

@@ -16,6 +16,8 @@ from tests.store.store_whole import add_whole_run
 def test_tail_prints_each_committed_row_until_ctrl_c(tmp_path):
     (tmp_path / "results").mkdir()
     tail = start("tail", "--json", results=tmp_path / "results")
+    waiting = f"No such runs in {tmp_path / 'results'} yet; they are printed here as they come.\n"
+    wait_until(lambda: tail.said() == waiting, tail)
     training = train("td3", "none", "--log", "tensorboard", "--steps", "200")
     succeed(*training, results=tmp_path / "results", short=True)
     runs = Results(tmp_path / "results").scan("run")[0]
@@ -23,7 +25,7 @@ def test_tail_prints_each_committed_row_until_ctrl_c(tmp_path):
     wait_until(lambda: tail.printed().count('"finished"') == len(runs), tail)
     tail.send_signal(signal.SIGINT)
     printed, errors = tail.communicate(timeout=300)
-    assert (tail.returncode, errors) == (0, "")
+    assert (tail.returncode, errors) == (0, waiting)
     lines = [json.loads(line) for line in printed.splitlines()]
     for run in runs:
         rows = [line for line in lines if line["run"] == run.id]

@@ -9,10 +9,10 @@ import hashlib
 import io
 import os
 import re
+import secrets
 import stat
-import tempfile
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Literal
 
@@ -26,6 +26,13 @@ WRITTEN = re.compile(rf"{re.escape(_TEMPORARY)}.*|.*\.(parquet|safetensors|json)
 PLAIN = sum(getattr(os, flag, 0) for flag in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
 """Flags to open an untrusted file, which may be a symlink or a pipe; some systems lack some."""
 
+MODE = 0o666
+"""Permissions of a new file; the system takes away those of the user's umask."""
+
+_NO_SYNC = (errno.EINVAL, errno.ENOTSUP)
+"""Errors of network file systems that can't sync a directory."""
+
+_NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | PLAIN
 
 Sort = Literal["damaged", "leftover", "foreign", "warning"]
 """A record is damaged; no manifest lists a file; a record can't be checked, because a newer jbench
@@ -126,7 +133,9 @@ def write_atomic(path: Path, content: bytes) -> None:
     """Writes a file; raises a WorkError if the disk is full or fails, and then changes nothing."""
     temporary = None
     try:
-        handle, temporary = tempfile.mkstemp(prefix=_TEMPORARY, dir=path.parent)
+        new = path.with_name(f"{_TEMPORARY}{secrets.token_hex(8)}")
+        handle = os.open(new, _NEW, MODE)
+        temporary = new
         try:
             with os.fdopen(handle, "wb", closefd=False) as file:
                 file.write(content)
@@ -134,7 +143,6 @@ def write_atomic(path: Path, content: bytes) -> None:
         finally:
             close(handle)
 
-        os.chmod(temporary, 0o644)
         _replace(temporary, path)
         temporary = None
         _sync_directory(path.parent)
@@ -144,16 +152,38 @@ def write_atomic(path: Path, content: bytes) -> None:
         raise WorkError(f"{path} can't be written ({error.strerror}).") from None
     finally:
         if temporary is not None:
-            remove([Path(temporary)])
+            remove([temporary])
+
+
+def link(names: Mapping[Path, Path]) -> None:
+    """Gives files second names, in directories that are made, if the file system has such names.
+
+    Symlinks, and what is no file, get none.
+    """
+    for path, name in names.items():
+        make_directory(name.parent)
+        if path.is_file() and not path.is_symlink():
+            with contextlib.suppress(OSError):
+                os.link(path, name)
+
+    for directory in {name.parent for name in names.values()}:
+        with contextlib.suppress(OSError):
+            _sync_directory(directory)
 
 
 def move(path: Path, to: Path) -> None:
-    """Moves a file or a directory within a file system; raises a WorkError if `to` exists."""
+    """Moves a file or a directory within a file system; raises a WorkError if `to` exists.
+
+    If `to` is a second name of the file, it becomes the only one.
+    """
     make_directory(to.parent)
     try:
-        if os.path.lexists(to):
+        if not os.path.lexists(to):
+            path.rename(to)
+        elif os.path.samestat(path.lstat(), to.lstat()):
+            path.unlink()
+        else:
             raise WorkError(f"{path} can't be moved to {to}, which exists.")
-        path.rename(to)
     except OSError as error:
         raise WorkError(f"{path} can't be moved to {to} ({error.strerror}).") from None
 
@@ -207,7 +237,7 @@ def sha256(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def _replace(temporary: str, path: Path) -> None:
+def _replace(temporary: Path, path: Path) -> None:
     """Renames a file; on Windows, waits for readers of the file that it replaces."""
     deadline = time.monotonic() + 2  # seconds
     while True:
@@ -224,8 +254,15 @@ def _sync_directory(path: Path) -> None:
     # Windows can't open a directory; NTFS keeps a journal of names.
     if os.name == "nt":
         return
-    handle = os.open(path, os.O_RDONLY)
+    try:
+        handle = os.open(path, os.O_RDONLY)
+    except PermissionError:  # who may write in a directory need not be allowed to list it
+        return
+
     try:
         os.fsync(handle)
+    except OSError as error:
+        if error.errno not in _NO_SYNC:
+            raise
     finally:
         close(handle)

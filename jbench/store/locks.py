@@ -50,7 +50,7 @@ def hold(
     """
     path = directory / LOCK
     try:
-        handle = os.open(path, access | files.PLAIN, 0o644)
+        handle = os.open(path, access | files.PLAIN, files.MODE)
     except OSError as error:
         if files.is_full(error):
             raise files.NoRoomError(path.name, directory) from None

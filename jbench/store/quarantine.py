@@ -30,14 +30,26 @@ class Quarantine:
     def take(self, path: Path) -> None:
         """Moves a file or directory, keeping its path relative to the results."""
         if path not in self.moved:
-            to = self._path / path.relative_to(self._results.path)
+            to = self._place_of(path)
             if not self.dry_run:
                 files.move(path, to)
             self.moved[path] = to
 
     def take_record(self, folder: Folder) -> None:
-        """Moves the files of a folder of `Results.found`, its manifest first, but not its lock."""
+        """Moves the files of a folder of `Results.found`, its manifest first, but not its lock.
+
+        Before, they get second names in the quarantine: where this process is killed between two of
+        them, the next writer of the record removes those that no manifest lists any more.
+        """
         folder.check()
-        for name in sorted(folder.names, key=lambda name: (name != MANIFEST, name)):
-            if name != locks.LOCK:
-                self.take(folder.path / name)
+        names = sorted(folder.names, key=lambda name: (name != MANIFEST, name))
+        paths = [folder.path / name for name in names if name != locks.LOCK]
+        if not self.dry_run:
+            files.link({path: self._place_of(path) for path in paths})
+
+        for path in paths:
+            self.take(path)
+
+    def _place_of(self, path: Path) -> Path:
+        """Returns where a file of the results is moved."""
+        return self._path / path.relative_to(self._results.path)

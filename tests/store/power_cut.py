@@ -7,7 +7,6 @@ its new, renamed and removed names may be as before, whatever came later. Rename
 
 import itertools
 import os
-import tempfile
 from collections import Counter
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -103,6 +102,13 @@ class Recording:
             self.inodes[after] = inode
             self.calls.append(Name(after, inode, before))
 
+    def link(self, source, path):
+        """Records a second name of a file."""
+        before, after = self.name(source), self.name(path)
+        if after is not None:
+            self.inodes[after] = self.inodes[before]
+            self.calls.append(Name(after, self.inodes[before]))
+
     def remove(self, path):
         """Records the removal of a file."""
         if (name := self.name(path)) is not None:
@@ -137,13 +143,15 @@ def recorded(root):
         "rename": recording.rename,
         "unlink": recording.remove,
         "mkdir": recording.make,
+        "link": recording.link,
     }
-    made = tempfile.mkstemp
+    opened = os.open
 
-    def mkstemp(**options):
-        handle, path = made(**options)
-        recording.new(path)
-        return handle, path
+    def open_(path, flags, *mode, **options):
+        handle = opened(path, flags, *mode, **options)
+        if flags & os.O_EXCL:
+            recording.new(path)
+        return handle
 
     def hooked(name):
         function, hook = getattr(os, name), hooks[name]
@@ -153,13 +161,15 @@ def recorded(root):
             if before:
                 hook(*arguments)
             result = function(*arguments, **options)
-            if not before:
+            if name == "link":
+                hook(*arguments)
+            elif not before:
                 hook(arguments[0])
             return result
 
         return mock.patch.object(os, name, call)
 
-    with mock.patch.object(tempfile, "mkstemp", mkstemp):
+    with mock.patch.object(os, "open", open_):
         patches = [hooked(name) for name in hooks]
         for patch in patches:
             patch.start()

@@ -1,5 +1,10 @@
 """Tests of system faults (full disk, permissions): committed rows survive, errors are reported."""
 
+import errno
+import os
+import stat
+from contextlib import nullcontext
+
 import pytest
 
 from jbench.errors import RequestError, WorkError
@@ -61,9 +66,42 @@ except RequestError as error:
     assert list(results.path.iterdir()) == []
 
 
-def test_written_file_is_readable_by_other_users(tmp_path):
-    write_atomic(tmp_path / "file", b"new")
-    assert (tmp_path / "file").stat().st_mode & 0o777 == 0o644
+@pytest.mark.parametrize(("umask", "mode"), [(0o022, 0o644), (0o077, 0o600), (0o002, 0o664)])
+def test_permissions_of_files_are_those_of_the_umask(umask, mode, results):
+    """A group that shares results can lock records, and private ones are private."""
+    before = os.umask(umask)
+    try:
+        with results.folder("run", "a/b").lock():
+            record = results.create("run", "a/b", {})
+    finally:
+        os.umask(before)
+    assert {path.stat().st_mode & 0o777 for path in record.path.iterdir()} == {mode}
+    assert names(record.path) == {"manifest.json", "lock"}
+
+
+def test_results_may_lie_where_nobody_may_list(tmp_path, results):
+    """As in a folder of a cluster, in which everybody may make one."""
+    (tmp_path / "all").mkdir()
+    (tmp_path / "all").chmod(0o333)
+    script = f"""
+store_faults.drop_privileges()
+print(Results(Path({str(tmp_path)!r}, "all", "mine")).create("run", "a/b", {{}}).id)
+"""
+    assert run_script(results, script) == ["a/b"]
+
+
+@pytest.mark.parametrize(
+    ("code", "is_written"), [(errno.EINVAL, True), (errno.ENOTSUP, True), (errno.EIO, False)]
+)
+def test_file_system_may_lack_the_sync_of_a_directory(code, is_written, tmp_path, monkeypatch):
+    def fsync(handle):
+        if stat.S_ISDIR(os.fstat(handle).st_mode):
+            raise OSError(code, os.strerror(code))
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    expected = nullcontext() if is_written else pytest.raises(WorkError, match="error")
+    with expected:
+        write_atomic(tmp_path / "file", b"new")
 
 
 def test_write_over_directory_is_refused_and_leaves_no_temporary(tmp_path):

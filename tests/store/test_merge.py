@@ -1,5 +1,6 @@
 """Tests of merging results directories: records are copied, conflicting content is refused."""
 
+import contextlib
 import math
 import random
 import signal
@@ -10,7 +11,7 @@ import pytest
 
 from jbench.errors import RequestError
 from jbench.names import POLICY_FILES
-from jbench.store import Results, schema
+from jbench.store import Results, files, schema
 from jbench.store import merge as merging
 from jbench.store.merge import merge
 from jbench.store.schema import TIMES
@@ -191,6 +192,39 @@ def test_finished_run_replaces_unfinished_run_which_is_set_aside(results, other)
     assert manifest_of(mine) == manifest_of(theirs)
     (folder,) = (results.path / "set-aside").iterdir()
     assert snapshot(folder / "runs" / mine.id) == before
+    assert verify(results, 2).findings == []
+
+
+class _KilledError(BaseException):
+    """In place of a kill."""
+
+
+@pytest.mark.parametrize("moves", [0, 1, 2, 3])
+def test_run_that_is_half_set_aside_loses_nothing(moves, results, other, monkeypatch):
+    """The next writer of the record removes files that no manifest lists."""
+    mine = add_whole_run(results, [1.0, 2.0], finish=False)
+    mine.append({}, {"checkpoint.safetensors": b"state"})
+    add_whole_run(other, [1.0, 2.5, 4.0])
+    before = snapshot(mine.path)
+    move = files.move
+    moved = []
+
+    def move_or_die(path, to):
+        if len(moved) == moves:
+            raise _KilledError
+        moved.append(path)
+        move(path, to)
+
+    monkeypatch.setattr(files, "move", move_or_die)
+    with contextlib.suppress(_KilledError):
+        merge(results, [other])
+    assert len(before) == 3
+    assert len(moved) == moves
+    monkeypatch.setattr(files, "move", move)
+    assert len(outcomes(results, other)) == 1
+    assert returns_of(results, mine.id) == [1.0, 2.5, 4.0]
+    kept = snapshot(results.path / "set-aside").values()
+    assert {*before.values()} == {*kept}
     assert verify(results, 2).findings == []
 
 

@@ -3,6 +3,7 @@
 import os
 import shutil
 import sys
+from collections import Counter
 
 import pytest
 
@@ -187,8 +188,27 @@ def test_repair_loses_nothing(tmp_path, most):
         put(state, place)
         repaired(Results(place))
         assert verify(Results(place), 1).findings == []
-        left = sorted(path.read_bytes() for path in place.rglob("*") if path.is_file())
-        assert left == sorted(recording.files.values())
+        assert not lost(recording, place)
+
+
+@pytest.mark.slow
+def test_repeated_merge_loses_nothing_of_what_it_replaces(tmp_path):
+    results = Results(tmp_path / "results")
+    prepare_merge(results)
+    with recorded(results.path) as recording:
+        merged(results)
+    for number, state in enumerate(states(recording)):
+        place = tmp_path / "states" / f"{number}"
+        put(state, place)
+        merge(Results(place), [Results(tmp_path / "other")])
+        assert verify(Results(place), 1).findings == []
+        assert not lost(recording, place)
+
+
+def lost(recording, place):
+    """Returns how often each content is missing below a directory that was there before a call."""
+    left = Counter(path.read_bytes() for path in place.rglob("*") if path.is_file())
+    return Counter(recording.files.values()) - left
 
 
 def test_single_file_is_old_or_new(tmp_path):

@@ -170,8 +170,9 @@ repair(results, findings)
 time.sleep(60)
 """
     assert run_script(results, script) == ["killed"]
-    assert content(results.path) == before
+    # Files that were not moved yet may have second names, and get others in the next repair.
+    assert {*content(results.path)} == {*before}
     repaired(results)
-    assert content(results.path) == before
+    assert {*content(results.path)} == {*before}
     assert verify(results, 2).findings == []
     assert Results(results.path).scan("run") == ([], [])

@@ -23,7 +23,7 @@ from jbench.policies.find import offered_policies
 from jbench.settings.algorithms import SETTINGS
 from jbench.task_specs import GYM, SUITE, SUITE_TASKS
 from jbench.tasks.find import advice_on_module, installed_tasks
-from jbench.typed_values import closest, question
+from jbench.typed_values import closest, suggested
 
 CodeKind = Literal["task", "agent", "rule", "encoder", "policy"]
 KINDS: tuple[CodeKind, ...] = get_args(CodeKind)
@@ -159,8 +159,9 @@ def _installed(name: str) -> CodeKind:
         raise RequestError(f"There is no code called {name!r}; {advice}.")
 
     close = closest(name, [*SUITE_TASKS, *chain.from_iterable(by_kind.values())])
-    raise RequestError(
-        f"There is no code called {name!r}: {question(close)}Type MODULE:NAME of a task, an agent, "
-        "an update rule, an encoder or a policy of yours, the name of an installed one, or a task "
-        "such as dmc:cheetah-run or gym:Hopper-v5."
+    advice = suggested(
+        close,
+        "type MODULE:NAME of a task, an agent, an update rule, an encoder or a policy of yours, "
+        "the name of an installed one, or a task such as dmc:cheetah-run or gym:Hopper-v5",
     )
+    raise RequestError(f"There is no code called {name!r}; {advice}.")

@@ -155,7 +155,7 @@ def _directory(results: Results) -> Checked:
     """Says whether results can be written and locked, and how much room is left."""
     place = _existing(results.path)
     name = "results"
-    if results.path.resolve() == SHIPPED_RESULTS.resolve():
+    if files.real(results.path) == files.real(SHIPPED_RESULTS):
         return Checked(name, "ok", f"{results.name}: shipped with jbench, read-only")
 
     try:
@@ -183,9 +183,9 @@ def _directory(results: Results) -> Checked:
 
 
 def _existing(path: Path) -> Path:
-    """Returns the nearest directory above a path that exists."""
+    """Returns the nearest place above a path that exists: a directory, unless it can't be made."""
     path = path.absolute()
-    return next(parent for parent in (path, *path.parents) if parent.is_dir())
+    return next(parent for parent in (path, *path.parents) if os.path.lexists(parent))
 
 
 def _locks(results: Results) -> Checked:

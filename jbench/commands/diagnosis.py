@@ -8,7 +8,7 @@ from typer import Argument, Option
 
 from jbench import names, typed_values
 from jbench.commands import options, output, parsing
-from jbench.errors import WorkError
+from jbench.errors import RequestError, WorkError
 from jbench.wording import are, counted, with_article
 
 if TYPE_CHECKING:
@@ -46,7 +46,9 @@ def check(
         metavar="WHAT",
         help="What it is: task, agent, rule, encoder or policy (default: found out).",
     ),
-    task: str = options.some_task("face_direction", help="Task to check it on."),
+    task: str | None = options.some_task(
+        None, help="Task to check it on, unless it is one (default: face_direction)."
+    ),
     latents: int | None = options.whole_number(
         None,
         "--latent",
@@ -54,20 +56,24 @@ def check(
         least=1,
         help="Latents of an encoder (default: 12, or the most it has).",
     ),
-    set_: list[str] = options.SET,
+    set_: list[str] = options.SET_OF_CODE,
     json: bool = options.JSON,
 ) -> None:
-    """Check code of yours: what jbench will demand of a task, an agent, a rule or an encoder.
+    """Check a task, an agent, an update rule, an encoder or a policy of yours.
 
-    It runs short episodes, in seconds, and writes nothing. A line for each check says what is
-    missing; the exit code is 1 if something is.
+    It is run through what jbench will demand of it, in short episodes, in seconds; nothing is
+    written. A line for each check says what is missing; the exit code is 1 if something is.
     """
     from jbench.checks.code import KINDS, CheckRequest, check_code, kind_of_code
 
     checked_as = (
         kind_of_code(name) if kind is None else typed_values.known("kind of code", kind, KINDS)
     )
-    request = CheckRequest(name, task, parsing.parse_overrides(set_), latents)
+    if task is not None and checked_as == "task":
+        raise RequestError(f"{name} is a task, which is checked on itself: leave --task out.")
+
+    settings = parsing.parse_overrides(set_)
+    request = CheckRequest(name, task or "face_direction", settings, latents)
     output.say(f"{name} is checked as {with_article(checked_as)}.")
     _show(check_code(checked_as, request), {"name": name, "what": checked_as})
 

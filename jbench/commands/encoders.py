@@ -74,13 +74,13 @@ def train_encoder(
         unit="RATE",
         help="Learning rate of Adam (default: 1e-3; the authors' script has 5e-4).",
     ),
-    set_: list[str] = options.SET,
+    set_: list[str] = options.SET_OF_ENCODER,
     seed: str = Option(
         "0",
         help="Random seed of weights, minibatches, noise and the held-out split, or several, such "
         "as 0-9: an encoder for each.",
     ),
-    device: str = options.DEVICE,
+    device: str = options.DEVICE_OF_ENCODER,
     verbose: bool = Option(False, "--verbose", help="Also print the errors as tables."),
     results: Path = options.RESULTS,
     json: bool = options.JSON,

@@ -207,18 +207,20 @@ CHECKPOINT_EVERY = number(
     help="Minimum seconds between checkpoints of a run of the batched engine; each is at the end "
     "of an episode.",
 )
-DEVICE = Option(
-    "auto",
-    help="Device to train on, by the batched engine: auto (a GPU if there is one), cpu, cuda or "
-    "such as cuda:1.",
-    autocompletion=lambda: names.DEVICES,
-)
-SET = Option(
-    [],
-    "--set",
-    metavar="NAME=VALUE",
-    help="Set a hyperparameter, or an option of a kind of encoder; repeatable.",
+_DEVICES = "auto (a GPU if there is one), cpu, cuda or such as cuda:1."
+_device = partial(Option, "auto", autocompletion=lambda: names.DEVICES)
+DEVICE = _device(help=f"Device to train on, by the batched engine: {_DEVICES}")
+DEVICE_OF_ENCODER = _device(help=f"Device to train on: {_DEVICES}")
+_set = partial(Option, [], "--set", metavar="NAME=VALUE")
+SET = _set(
+    help="Set a hyperparameter (jbench algorithms NAME lists them), or with --encoder ofeN "
+    "ofe.NAME=VALUE; repeatable.",
     autocompletion=_hyperparameters,
+)
+SET_OF_ENCODER = _set(help="Set an option of the kind of encoder, such as rescale; repeatable.")
+SET_OF_CODE = _set(
+    help="Set a hyperparameter of an agent or an update rule, or an option of a kind of encoder; "
+    "repeatable."
 )
 JOBS = whole_number(
     0,

@@ -115,6 +115,8 @@ def report(
         raise RequestError("--watch and --json exclude each other; type one of them.")
     if watch and curves is not None:
         raise RequestError("--watch and --curves exclude each other; type one of them.")
+    if results != Path(names.RESULTS) and curves is not None:
+        raise RequestError("--results and --curves exclude each other; type one of them.")
     if curves is None:  # a file may have tasks and algorithms that only it knows
         task = task and parsing.known_or_held("task", task, read)
         algo = algo and parsing.known_or_held("algo", algo, read)

@@ -9,6 +9,7 @@ from typer import Argument, Option
 from jbench.commands import options, output, parsing
 from jbench.errors import RequestError, WorkError
 from jbench.importing.request import ImportRequest
+from jbench.names import REFERENCE
 from jbench.settings.base import validated
 from jbench.wording import are, counted, repair_hint, with_results
 
@@ -126,14 +127,20 @@ def repair(
 
 def merge(
     others: list[Path] = Argument(
-        ..., parser=parsing.path, metavar="DIR", help="Results directories of other machines."
+        ...,
+        parser=parsing.path,
+        metavar="DIR",
+        help=f"Results directories of other machines ({REFERENCE}: the results shipped with "
+        "jbench).",
     ),
     results: Path = options.RESULTS,
     json: bool = options.JSON,
 ) -> None:
     """Merge results of several machines.
 
-    Intact records are copied; records that differ are refused.
+    Intact records are copied. A finished record replaces an unfinished one, which is moved to
+    RESULTS/set-aside. Damaged records are refused, and those that differ from the ones that are
+    there.
     """
     from jbench.store.merge import merge as join
 
@@ -150,7 +157,11 @@ def merge(
     output.document({"records": [record._asdict() for record in merged]})
     if refused:
         count = f"{counted(len(refused), 'record')} {are(len(refused))}"
-        raise WorkError(f"{count} refused, see above; the others are merged.")
+        others = "; the others are merged"
+        if len(refused) == len(merged):
+            others = ""
+
+        raise WorkError(f"{count} refused, see above{others}.")
 
 
 @options.with_settings(

@@ -40,6 +40,10 @@ class Results:
 
         if is_file:
             raise RequestError(f"{path} is a file; name a directory with --results.")
+        if path.is_symlink() and not path.exists():
+            raise RequestError(
+                f"{path} is a link to a place that does not exist; name a directory with --results."
+            )
 
         self.path = path
         self.name = name or path
@@ -96,9 +100,10 @@ class Results:
         if "…" in text:
             return self._whole_id(kind, text)
 
-        root = (self.path / f"{kind}s").resolve()
-        if root in Path(text).resolve().parents:
-            text = Path(text).resolve().relative_to(root).as_posix()
+        root = files.real(self.path / f"{kind}s")
+        typed = files.real(Path(text))
+        if root in typed.parents:
+            text = typed.relative_to(root).as_posix()
         if self.has(kind, text):
             return text
 
@@ -207,6 +212,6 @@ class Results:
     def inside(self, name: str) -> Path:
         """Returns a path below the directory; an UnreadableError if a symlink leads out of it."""
         path = self.path / name
-        if not path.resolve().is_relative_to(self.path.resolve()):
+        if not files.real(path).is_relative_to(files.real(self.path)):
             raise files.UnreadableError(path, "leads out of the results directory; it is not used")
         return path

@@ -121,6 +121,11 @@ def make_directory(path: Path, option: str | None = None) -> None:
         raise RequestError(f"{path} is not writable; {instead}.")
 
 
+def real(path: Path) -> Path:
+    """Returns a path without symlinks; of links that lead in a circle, as it is."""
+    return Path(os.path.realpath(path))  # Path.resolve raises an error for a circle
+
+
 def check_output(path: Path, option: str = "--out") -> None:
     """Raises a RequestError if a file can't be written or replaced, before work on its content."""
     make_directory(path.parent, option)

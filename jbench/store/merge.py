@@ -12,7 +12,7 @@ import pyarrow as pa
 
 from jbench.errors import RequestError, WorkError
 from jbench.names import POLICY_FILES
-from jbench.store import record_files, schema
+from jbench.store import files, record_files, schema
 from jbench.store.database import Results
 from jbench.store.files import NoRoomError
 from jbench.store.manifest import ID, KINDS, MANIFEST, RecordKind
@@ -53,7 +53,7 @@ def merge(
         if not any((root / kind).is_dir() for kind in kinds):
             named = in_prose(kinds)
             raise RequestError(f"{root} holds no results; name a directory with {named} in it.")
-        if root.resolve() == results.path.resolve():
+        if files.real(root) == files.real(results.path):
             raise RequestError(f"{root} is the results directory itself; name another.")
 
     folders = []

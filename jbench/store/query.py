@@ -9,6 +9,7 @@ from itertools import chain
 from typing import Any, NamedTuple
 
 import duckdb
+import numpy as np
 import pandas as pd
 import pyarrow as pa
 
@@ -203,8 +204,15 @@ def to_csv(frame: pd.DataFrame) -> str:
     frame = frame.copy(deep=False)
     for i, dtype in enumerate(frame.dtypes):
         if not pd.api.types.is_numeric_dtype(dtype):
-            frame.isetitem(i, frame.iloc[:, i].map(not_formula).array)
+            frame.isetitem(i, frame.iloc[:, i].map(_csv_cell).array)
     return frame.to_csv(index=False, lineterminator="\n")
+
+
+def _csv_cell(value: Any) -> Any:
+    """Returns a value for a CSV file, a list with all its elements; see `not_formula`."""
+    if isinstance(value, np.ndarray):  # whose text leaves out the middle of a long one
+        return str(value.tolist())
+    return not_formula(value)
 
 
 def records(frame: pd.DataFrame) -> list[dict[Any, Any]]:

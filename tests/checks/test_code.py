@@ -59,6 +59,11 @@ def test_kind_of_code_is_found_out(modules, name, what):
     assert kind_of_code(name) == what
 
 
+def test_task_is_checked_on_no_other(refused):
+    error = refused("check", "dmc:cheetah-run", "--task", "face_direction")
+    assert "dmc:cheetah-run is a task, which is checked on itself: leave --task out." in error
+
+
 def test_agent_of_the_documentation_passes(modules, states):
     checked = states("random_search:RandomSearch")
     assert {name for name, (state, _) in checked.items() if state != "ok"} == {"learning"}
@@ -175,7 +180,7 @@ def test_reward_out_of_range_ends_the_checks(modules, states):
         (["nowhere:Agent"], "there is no module nowhere"),
         (["lab/own.py:Agent"], "has the path of a file; type lab.own:Agent."),
         (["td3"], "td3 is jbench's own; type MODULE:CLASS of an algorithm of yours."),
-        (["pcaa"], "There is no code called 'pcaa': did you mean pca? Type"),
+        (["pcaa"], "There is no code called 'pcaa'; did you mean pca? Type"),
         (
             ["tests.odd_tasks.reach"],
             "There is no code called 'tests.odd_tasks.reach'; to use the module tests.odd_tasks, "

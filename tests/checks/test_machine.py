@@ -57,6 +57,13 @@ def test_directory_that_cannot_be_written_fails():
     )
 
 
+def test_directory_in_a_file_fails(tmp_path):
+    (tmp_path / "file").touch()
+    line = lines(tmp_path / "file" / "results")["results"]
+    assert line.state == "fails"
+    assert line.text.endswith("can't be written and locked (Not a directory)")
+
+
 @pytest.mark.parametrize(("microseconds", "state"), [(22.0, "ok"), (55.0, "note")])
 def test_physics_is_compared_with_the_documented_step(monkeypatch, microseconds, state):
     monkeypatch.setattr(machine, "physics_step", lambda: microseconds)

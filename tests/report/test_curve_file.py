@@ -301,6 +301,7 @@ def test_bad_file_is_refused_in_a_sentence(text, says, tmp_path, capsys):
         (["--curves", "two.csv", "--compare", "a=1", "b=2"], "exclude each other"),
         (["--curves", "two.csv", "--claims"], "exclude each other"),
         (["--curves", "two.csv", "--watch"], "exclude each other"),
+        (["--curves", "two.csv", "--results", "reference"], "exclude each other"),
         (["--curves", "two.csv", "--algo", "SAC"], "hopper with PPO, TD3"),
     ],
 )

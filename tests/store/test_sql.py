@@ -139,6 +139,8 @@ def test_sums_of_integers_and_dates_keep_their_types():
     """
     frame = run_sql(sql, TABLES)
     first, second = json.loads(json_text(records(frame)))
+    many = run_sql("SELECT range(2000) AS many", {})
+    assert to_csv(many) == f'many\n"{[*range(2000)]}"\n'  # with the middle
     assert to_csv(frame[["n", "gap", "day"]]) == "n,gap,day\n16100000,16100000,2020-01-02\n2,,\n"
     assert '"n": 16100000,' in json_text(records(frame))
     assert isinstance(first["large"], float)

@@ -105,6 +105,9 @@ HOSTILE = {
         run.path.parents[3].rename(out.parent.parent / "elsewhere"),
         run.path.parents[3].symlink_to(out.parent.parent / "elsewhere"),
     ),
+    "imports lead in a circle": lambda run, out: (
+        run.path.parents[4].joinpath("imports").symlink_to("imports")
+    ),
     "folders without end": lambda run, out: deep(run),
 }
 

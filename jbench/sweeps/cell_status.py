@@ -13,7 +13,7 @@ import torch
 
 from jbench.agents.batched.pair_buffer import buffer_class
 from jbench.cores import cores, one_thread
-from jbench.errors import RequestError, WorkError
+from jbench.errors import ERRORS_OF_OTHERS
 from jbench.settings.engines import ENGINES
 from jbench.settings.recorded import COST, SEED, alike, read_run
 from jbench.settings.run import RunSettings
@@ -236,12 +236,14 @@ def _available() -> int | None:
 
 
 def _evaluating(run: RunSettings, seconds: float, device: str, final_episodes: int | None) -> float:
-    """Returns the share of a run's time that its evaluations take."""
+    """Returns the share of a run's time that its evaluations take; 0 if it can't be measured."""
     steps = engines.evaluation_steps(run, final_episodes)
     if steps <= 1:
         return 0.0
-    stepping = engines.stepping(run, run.evaluate_episodes, device=device)
-    return min(1.0, steps * stepping / seconds)
+    with contextlib.suppress(*ERRORS_OF_OTHERS):
+        stepping = engines.stepping(run, run.evaluate_episodes, device=device)
+        return min(1.0, steps * stepping / seconds)
+    return 0.0
 
 
 def _recorded(results: Results, device: str) -> dict[str, _Estimate]:
@@ -289,7 +291,7 @@ def _quick_measurement(
         with one_thread():
             seconds = engines.seconds_per_step(together, device, final_episodes=final_episodes)
         return _Estimate(seconds / len(together), "a quick measurement")
-    except (RequestError, WorkError, RuntimeError):
+    except ERRORS_OF_OTHERS:  # the training will say what is wrong, and stop no other run
         return None
     finally:
         torch.cuda.empty_cache()  # the runs need the memory; without a GPU it does nothing

@@ -140,12 +140,23 @@ def test_measurement_here_wins_over_records_and_has_the_seeds_of_a_process(
     # 2 ms a control step, 10,000 of each seed, two of them one after the other.
     assert (line.seconds_left, line.estimate) == (pytest.approx(40.0), "a quick measurement")
 
-    def refuse(runs, device, final_episodes):
-        raise WorkError("The speed of this algorithm is not measured.")
 
-    monkeypatch.setattr(engines, "seconds_per_step", refuse)
-    (line,) = cell_statuses([cell], results, jobs=2)
+@pytest.mark.parametrize(
+    "error", [WorkError("The speed of this algorithm is not measured."), KeyError("x"), SystemExit]
+)
+def test_measurement_that_fails_stops_nothing(error, results, cell, monkeypatch):
+    def fail(*_, **__):
+        raise error
+
+    monkeypatch.setattr(engines, "seconds_per_step", fail)
+    monkeypatch.setattr(engines, "stepping", fail)
+    (line,) = cell_statuses([cell], results, jobs=2, final_episodes=1000)
+    assert (line.seconds_left, line.estimate) == (None, "unknown")
+
+    finish(results, cell.runs[0], 1000.0)
+    (line,) = cell_statuses([cell], results, jobs=2, final_episodes=1000)
     assert (line.seconds_left, line.estimate) == (pytest.approx(2000.0), "measured runs")
+    assert line.evaluating == 0
 
 
 def test_runs_of_other_lengths_are_measured_on_their_own(tmp_path, results, monkeypatch):

@@ -73,8 +73,8 @@ class Engine(AbstractContextManager["Engine"]):
         environments: the robots of all seeds.
         control_steps: of each seed so far, over its environments.
         updates: of each seed so far; None if unknown.
-        diverged: the seeds that have diverged, by index. Their robots get the action 0; the other
-            seeds are not affected.
+        diverged: the seeds that have diverged, by index. Actions of theirs that are not finite
+            become 0; the other seeds are not affected.
         truncated_at_restore: see `Trainer`.
     """
 

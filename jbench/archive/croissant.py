@@ -51,7 +51,7 @@ def write_croissant(results: Results, out: Path, dataset: Record | None = None) 
         RequestError: if there are no rows, or `out` is not writable.
         WorkError: if a record is damaged.
     """
-    files.make_directory(out)
+    files.make_directory(out, "--out")
     if dataset is None:
         name = results.name.name
         tables = _tables_of(results)

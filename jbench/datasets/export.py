@@ -68,7 +68,7 @@ def export_minari(
             f"{path} exists already and is not overwritten; name another directory with --out."
         )
 
-    make_directory(temporary)
+    make_directory(temporary, "--out")
     about = find_task(task)
     # Of a control step: observation, action and reward in float32, and two flags.
     step_size = 4 * (about.observation_size + about.action_size + 1) + 2

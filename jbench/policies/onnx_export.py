@@ -61,7 +61,7 @@ def export_onnx(agent: TrainedAgent, run: str, path: Path, in_si_units: bool) ->
     if not difference < _TOLERANCE:
         raise WorkError(f"The ONNX model of {run} differs from its policy by {difference:.1e}.")
 
-    make_directory(path.parent)
+    make_directory(path.parent, "--out")
     write_atomic(path, model.SerializeToString())
     return difference
 

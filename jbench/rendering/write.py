@@ -18,6 +18,7 @@ from jbench.rendering import episode
 from jbench.rendering.episode import Frame, Picture, Scene, render_episode
 from jbench.store.files import check_output, write_atomic
 from jbench.tasks.find import find_task
+from jbench.wording import in_prose
 
 SUFFIXES = (".mp4", ".gif", ".png")  # supported file suffixes: video, animation, strip of images
 
@@ -40,7 +41,7 @@ def _check(path: Path) -> None:
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise RequestError(
-            f"--out {path}: nothing writes such files; end the name in {', '.join(SUFFIXES)}."
+            f"--out {path}: nothing writes such files; end the name in {in_prose(SUFFIXES)}."
         )
 
     # Gymnasium's renderer imports imageio, too.

@@ -438,16 +438,21 @@ def test_dry_run_of_class_says_when_its_time_is_known(tmp_path, capsys):
     assert ": unknown until each configuration has a finished run." in capsys.readouterr().out
 
 
-def test_report_beside_results_that_are_mounted_read_only_hints_at_out(
-    tmp_path, monkeypatch, refused
+@pytest.mark.parametrize(
+    ("typed", "package"),
+    [(["report"], "jbench"), (["export", "--format", "croissant"], "mlcroissant")],
+)
+def test_output_beside_results_that_are_mounted_read_only_hints_at_out(
+    typed, package, tmp_path, monkeypatch, refused
 ):
+    pytest.importorskip(package)
     add_whole_run(Results(tmp_path), [10.0, 20.0, 60.0])
 
     def mkdir(path, **options):
         raise OSError(errno.EROFS, os.strerror(errno.EROFS))
 
     monkeypatch.setattr("jbench.store.files.Path.mkdir", mkdir)
-    error = refused("report", results=tmp_path)
+    error = refused(*typed, results=tmp_path)
     says = "(Read-only file system); name a directory that you may write to by --out."
     assert error.count("\n") == 1
     assert says in error

@@ -118,8 +118,8 @@ def test_interrupted_writing_keeps_old_file(tmp_path, ending):
 @pytest.mark.parametrize(
     ("name", "sentence"),
     [
-        ("film.avi", "film.avi: nothing writes such files; end the name in .mp4, .gif, .png."),
-        ("film", "film: nothing writes such files; end the name in .mp4, .gif, .png."),
+        ("film.avi", "film.avi: nothing writes such files; end the name in .mp4, .gif or .png."),
+        ("film", "film: nothing writes such files; end the name in .mp4, .gif or .png."),
         ("directory.png", "directory.png is a directory; name a file."),
         ("file/a.png", "file is a file, or lies in one; name a directory."),
     ],

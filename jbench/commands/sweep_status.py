@@ -115,7 +115,7 @@ def _entry(status: CellStatus) -> dict[str, Any]:
     """Returns an entry of the document: the settings of a cell, then the numbers of its status."""
     numbers = status._asdict()
     del numbers["cell"]
-    del numbers["certain"]
+    del numbers["failing_again"]
     return {**asdict(_settings(status.cell)), **numbers}
 
 

@@ -55,7 +55,7 @@ class CellStatus(NamedTuple):
         estimate: source of `seconds_left`, as of `_Estimate`; empty if nothing is left.
         evaluating: share of the time that evaluations take; 0 if they have fewer control steps
             than the training, and so take at most half of the time.
-        certain: number of failed runs that are not trained again, since they would fail again.
+        failing_again: number of failed runs that are not trained, since they would fail again.
     """
 
     cell: Cell
@@ -67,12 +67,12 @@ class CellStatus(NamedTuple):
     seconds_left: float | None
     estimate: str
     evaluating: float = 0.0
-    certain: int = 0
+    failing_again: int = 0
 
     @property
     def runs_left(self) -> int:
         """Number of runs that are to be trained."""
-        return len(self.cell.runs) - self.finished - self.certain
+        return len(self.cell.runs) - self.finished - self.failing_again
 
 
 def cell_statuses(
@@ -127,7 +127,7 @@ def cell_statuses(
                 seconds_left=None if seconds is None else left * seconds / _busy(len(runs), jobs),
                 estimate=estimate.source if left else "",
                 evaluating=evaluating,
-                certain=sum(status.fails_again for status in statuses),
+                failing_again=sum(status.fails_again for status in statuses),
             )
         )
 

@@ -239,7 +239,7 @@ def _train_again(
 def steps_to_repeat(record: Record, episodes: int) -> int:
     """Returns the control steps of a run until its first episodes have ended; 0 if none has."""
     ends = record.read("episodes")["control_steps"].to_pylist()
-    return int(ends[min(episodes, len(ends)) - 1] or 0) if ends else 0
+    return max(filter(None, ends[:episodes]), default=0)
 
 
 def default_episodes(record: Record) -> int:

@@ -1,9 +1,9 @@
 """Makes the k-th open, write, rename or other system call below a directory fail.
 
-Python calls an audit hook before each `open`, `mkdir`, `rename`, `unlink`, `flock` and listing of a
-directory, and the hook may raise; `read`, `write`, `fsync` and `close` are wrapped. This needs no
-compiler, ptrace or privileges. Files that C++ and Rust code opens are not seen; jbench reads and
-writes results only through Python's files.
+Python calls an audit hook before each `open`, `mkdir`, `rename`, `link`, `unlink`, `flock` and
+listing of a directory, and the hook may raise; `read`, `write`, `fsync` and `close` are wrapped.
+This needs no compiler, ptrace or privileges. Files that C++ and Rust code opens are not seen;
+jbench reads and writes results only through Python's files.
 """
 
 import errno
@@ -21,6 +21,7 @@ CALLS = (
     "write",
     "fsync",
     "rename",
+    "link",
     "flock",
     "unlink",
     "mkdir",
@@ -33,6 +34,7 @@ CALLS = (
 _EVENTS = {
     "open": "open",
     "os.rename": "rename",
+    "os.link": "link",
     "os.remove": "unlink",
     "os.mkdir": "mkdir",
     "os.listdir": "listdir",

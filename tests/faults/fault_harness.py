@@ -52,7 +52,8 @@ ERRORS = (*LASTING, errno.EIO, errno.EMFILE)
 def content(path):
     """Returns status and digests of each record, without times.
 
-    Reports and exports are compared by file names, files set aside by digests.
+    Reports and exports are compared by file names, files set aside by digests, each once: a file
+    that was not moved yet may have a second name there, and another one in the next repair.
     """
     found = {}
     results = Results(path)
@@ -69,11 +70,12 @@ def content(path):
     report = path / "report"
     found["report"] = sorted(file.name for file in report.rglob("*"))
     found["exported"] = sorted(str(file.relative_to(path)) for file in (path / "minari").rglob("*"))
-    found["set aside"] = sorted(
+    digests = {
         hashlib.sha256(file.read_bytes()).hexdigest()
         for file in path.glob("set-aside/**/*")
         if file.is_file()
-    )
+    }
+    found["set aside"] = sorted(digests)
     return json.loads(json.dumps(found))
 
 

@@ -157,11 +157,11 @@ def merge(
     output.document({"records": [record._asdict() for record in merged]})
     if refused:
         count = f"{counted(len(refused), 'record')} {are(len(refused))}"
-        others = "; the others are merged"
+        kept = "; the others are merged"
         if len(refused) == len(merged):
-            others = ""
+            kept = ""
 
-        raise WorkError(f"{count} refused, see above{others}.")
+        raise WorkError(f"{count} refused, see above{kept}.")
 
 
 @options.with_settings(

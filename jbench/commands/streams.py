@@ -1,6 +1,6 @@
 """The standard streams: those that the parent has closed, and those whose reader has gone.
 
-A list ends if nobody reads it any more, as after `head`. Work goes on, without output.
+A list ends if nobody reads it any more, as after `head`. Work continues without output.
 """
 
 import io
@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from jbench.errors import WorkError
 
 _outlives_reader = False
-"""Whether the command goes on if nobody reads its output any more."""
+"""Whether the command continues if nobody reads its output any more."""
 
 
 def begin(*, outlives_reader: bool) -> None:
@@ -55,7 +55,7 @@ def writing() -> Iterator[None]:
     """Turns OS errors of the streams into a WorkError.
 
     If the reader of a pipe has gone, a list ends by the exception of the pipe, which is left to the
-    caller. Work goes on: whatever else it prints is thrown away.
+    caller. Work continues: whatever else it prints is thrown away.
     """
     try:
         yield

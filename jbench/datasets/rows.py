@@ -71,14 +71,16 @@ def _rows(number: int, episode: Episode, columns: pa.Schema) -> pa.Table:
     steps = np.arange(length + 1)
     made = np.concatenate([episode.actions, episode.rewards[:, None]], axis=1)
     padded = np.concatenate([made, np.zeros_like(made[:1])])
+
     is_end = steps == length - 1
-    ends = is_end & episode.is_terminated, is_end & (not episode.is_terminated)
-    values = [
-        np.full(length + 1, number),
-        steps,
-        *episode.observations.T,
-        *(pa.array(column, mask=steps == length) for column in (*padded.T, *ends)),
-    ]
+    terminated = is_end & episode.is_terminated
+    truncated = is_end & (not episode.is_terminated)
+
+    is_last_state = steps == length
+    values = [np.full(length + 1, number), steps, *episode.observations.T]
+    for column in (*padded.T, terminated, truncated):
+        values.append(pa.array(column, mask=is_last_state))
+
     return pa.table(dict(zip(columns.names, values, strict=True)), schema=columns)
 
 

@@ -92,7 +92,7 @@ def _training_command(request: Request, results: Results) -> str:
     if task is None:
         records = [*results.scan("dataset")[0], *results.scan("evaluation")[0]]
         newest = max(records, key=lambda record: record.manifest.updated, default=None)
-        task = _USUAL_TASK if newest is None else _task_of(newest)
+        task = _USUAL_TASK if newest is None else _recorded_task(newest)
 
     command = f"jbench train --task {task}"
     if request.algo is not None:
@@ -100,7 +100,7 @@ def _training_command(request: Request, results: Results) -> str:
     return f"{command} --steps 100000 --seeds 0-1"
 
 
-def _task_of(record: Record) -> str:
+def _recorded_task(record: Record) -> str:
     """Returns the task of an evaluation, or one of the robot of a dataset."""
     from jbench.datasets.by_robot import recorded_layout  # it imports simulators
 

@@ -30,7 +30,7 @@ class Quarantine:
     def take(self, path: Path) -> None:
         """Moves a file or directory, keeping its path relative to the results."""
         if path not in self.moved:
-            to = self._place_of(path)
+            to = self._destination(path)
             if not self.dry_run:
                 files.move(path, to)
             self.moved[path] = to
@@ -45,11 +45,11 @@ class Quarantine:
         names = sorted(folder.names, key=lambda name: (name != MANIFEST, name))
         paths = [folder.path / name for name in names if name != locks.LOCK]
         if not self.dry_run:
-            files.link({path: self._place_of(path) for path in paths})
+            files.link({path: self._destination(path) for path in paths})
 
         for path in paths:
             self.take(path)
 
-    def _place_of(self, path: Path) -> Path:
+    def _destination(self, path: Path) -> Path:
         """Returns where a file of the results is moved."""
         return self._path / path.relative_to(self._results.path)

@@ -95,7 +95,7 @@ def _p_value(ours, theirs, shift):
     return p_value([ours + shift], [theirs])
 
 
-def level_of(family):
+def final_level(family):
     return corrected_verdicts(family).level
 
 
@@ -103,11 +103,11 @@ def test_error_rate_is_divided_by_the_comparisons_that_are_left():
     # Comparisons that are decided at two-sided rates from 0.001, 0.02, 0.024 on, and never.
     family = [evidence(1, 2, p) for p in (0.001, 0.02, 0.024, 1)]
     # 0.05 / 4 decides the first, 0.05 / 3 none of the others.
-    assert level_of(family) == pytest.approx(0.05 / 3)
+    assert final_level(family) == pytest.approx(0.05 / 3)
     # 0.05 / 3 decides two of three, and 0.05 the last one.
     family = [evidence(1, 2, p) for p in (0.001, 0.016, 0.04)]
-    assert level_of(family) == pytest.approx(0.05)
-    assert level_of([]) == 0.05
+    assert final_level(family) == pytest.approx(0.05)
+    assert final_level([]) == 0.05
 
 
 def test_comparisons_without_enough_seeds_or_that_are_equal():
@@ -116,9 +116,9 @@ def test_comparisons_without_enough_seeds_or_that_are_equal():
     larger = evidence(1, 2)
     equal = evidence(-1, 1, margin=50)
     undecided = evidence(-1, 1)
-    assert level_of([few, undecided, undecided]) == 0.05 / 2
-    assert level_of([larger, undecided, undecided]) == 0.05 / 2
-    assert level_of([equal, undecided, undecided]) == 0.05 / 3
+    assert final_level([few, undecided, undecided]) == 0.05 / 2
+    assert final_level([larger, undecided, undecided]) == 0.05 / 2
+    assert final_level([equal, undecided, undecided]) == 0.05 / 3
 
 
 def test_a_direction_that_has_passed_its_share_on_stays():

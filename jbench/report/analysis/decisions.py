@@ -171,13 +171,14 @@ def _returns(by_kind: ByKind, arm: Arm, claim: Claim, kind: ReturnsName) -> dict
     compared: those of different evaluations are not comparable.
     """
     returns: dict[int, float | None] = {}
-    for config in by_kind.values():
-        usable = config.finished & (config.steps == arm.run.steps)
-        returns |= dict.fromkeys(config.seeds[usable].tolist())
+    usable = {
+        name: config.finished & (config.steps == arm.run.steps) for name, config in by_kind.items()
+    }
+    for name, config in by_kind.items():
+        returns |= dict.fromkeys(config.seeds[usable[name]].tolist())
 
     config = by_kind[kind]
-    usable = config.finished & (config.steps == arm.run.steps)
-    for row in np.flatnonzero(usable):
+    for row in np.flatnonzero(usable[kind]):
         is_alike = config.evaluate_every[row] == arm.run.evaluate_every
         if claim == SPEED.claim and kind == EVALUATION and not is_alike:
             continue

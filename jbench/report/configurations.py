@@ -8,12 +8,14 @@ import numpy as np
 import pandas as pd
 
 from jbench.array_types import FloatArray
+from jbench.report.analysis.all_tasks import on_all_tasks, ranges, strata, together
 from jbench.report.analysis.findings import solved_verdict
 from jbench.report.analysis.scores import seed_scores
 from jbench.report.data.configuration import ID, Configuration, Curves
 from jbench.report.data.curves import Curve, SeedCurve, best_median
 from jbench.report.data.points import long_frame
 from jbench.report.data.scores import Scores
+from jbench.report.data.source_names import FILE
 from jbench.returns import TRAINING
 from jbench.statistics import bootstrap as st
 from jbench.statistics.agents import components, smallest_difference
@@ -191,6 +193,41 @@ def _solved_steps(curves: Sequence[SeedCurve]) -> FloatArray:
         if len(curve.values):
             first.append(curve.control_steps[solved].min(initial=np.inf))
     return np.array(first)
+
+
+def with_file_means(frame: pd.DataFrame, configurations: Sequence[Configuration]) -> pd.DataFrame:
+    """Adds rows to `configuration_frame`: each method of a file on all tasks together.
+
+    Their seeds are those of the task that has the fewest.
+    """
+    known = ranges(configurations)
+    task = together(known)
+    rows = []
+    for group in on_all_tasks(config for config in configurations if config.source == FILE):
+        finals = [seed_scores(config).final for config in group]
+        scores, _ = strata(finals, [known[config.task] for config in group])
+        estimate = st.estimate(st.interquartile_mean, scores)
+        ends = [steps for config in group for steps in config.steps]
+        row: dict[str, Any] = {
+            **group[0].identity,
+            "task": task,
+            "configuration": f"{task} {group[0].label}",
+            "seeds": min(map(len, scores)),
+            "iqm": estimate.value,
+            "iqm_low": estimate.low,
+            "iqm_high": estimate.high,
+            "draws": 0,
+            "diverged": 0,
+            "steps_min": min(ends),
+            "steps": max(ends),
+        }
+        rows.append(row)
+
+    if not rows:
+        return frame
+
+    more = pd.DataFrame(rows, columns=frame.columns).astype({"reached": "Int64"})
+    return pd.concat([frame, more], ignore_index=True)
 
 
 def seed_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:

@@ -10,10 +10,11 @@ from typing import Any
 import pandas as pd
 
 from jbench.report import policies
-from jbench.report.analysis import compare, scores
+from jbench.report.analysis.compare import comparison_frame, pair_frame
 from jbench.report.analysis.decisions import Study, decision_frame, recorded_comparisons
+from jbench.report.analysis.profiles import profile_frame
 from jbench.report.analysis.verdicts import verdict_frame
-from jbench.report.configurations import configuration_frame, seed_frame
+from jbench.report.configurations import configuration_frame, seed_frame, with_file_means
 from jbench.report.curve_frames import (
     curve_frame,
     processor_frame,
@@ -176,8 +177,7 @@ class Frames:
     @_frame
     def configurations(self) -> pd.DataFrame:
         """Statistics of each configuration and kind of return, and of all tasks of a file."""
-        lead = with_returns(self._every, self.returns)
-        return scores.with_file_means(self._by_configuration, lead)
+        return with_file_means(self._by_configuration, with_returns(self._every, self.returns))
 
     @_frame
     def seeds(self) -> pd.DataFrame:
@@ -233,18 +233,18 @@ class Frames:
     @_frame
     def comparisons(self) -> pd.DataFrame:
         """The comparisons of two sides, or of the methods of a file."""
-        return compare.comparison_frame(self._compared)
+        return comparison_frame(self._compared)
 
     @_frame
     def pairs(self) -> pd.DataFrame:
         """The probability of improvement of each pair of configurations."""
         trained = with_returns(self._trained, self.returns)
-        return compare.pair_frame(trained, self.lead(self.verdicts))
+        return pair_frame(trained, self.lead(self.verdicts))
 
     @_frame
     def profiles(self) -> pd.DataFrame:
         """The share of runs above each return."""
-        return scores.profile_frame(with_returns(self._every, self.returns))
+        return profile_frame(with_returns(self._every, self.returns))
 
     @_frame
     def claims(self) -> pd.DataFrame:

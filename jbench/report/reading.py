@@ -13,7 +13,7 @@ from jbench.report.analysis.claim_frame import claim_frame, published_findings
 from jbench.report.analysis.claims import examine
 from jbench.report.analysis.decisions import Study
 from jbench.report.analysis.findings import Finding
-from jbench.report.analysis.scores import Pair
+from jbench.report.analysis.pair import Pair
 from jbench.report.data import sources
 from jbench.report.data.configuration import Configuration, with_returns
 from jbench.report.data.sources import Source

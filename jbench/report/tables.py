@@ -3,7 +3,7 @@
 import pandas as pd
 
 from jbench.numbers import ratio, steps
-from jbench.report.analysis.scores import NORMALIZED
+from jbench.report.analysis.all_tasks import NORMALIZED
 from jbench.report.comparison_tables import (
     claims_table,
     comparisons_table,

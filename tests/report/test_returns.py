@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import jbench
-from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, seed_scores
+from jbench.report.analysis.pair import IQM_DIFFERENCE, Pair
+from jbench.report.analysis.scores import seed_scores
 from jbench.report.data import sources
 from jbench.report.frames import Frames
 from jbench.report.request import Request

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 from jbench.report.analysis.decisions import Study
-from jbench.report.analysis.scores import Pair
+from jbench.report.analysis.pair import Pair
 from jbench.report.data.configuration import Configuration, differing_in
 from jbench.representation_names import FULL, features_in, kind_in
 from jbench.studies.study import BASELINES, RAW, SCALED

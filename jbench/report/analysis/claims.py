@@ -28,7 +28,8 @@ from jbench.report.analysis.findings import (
     claim_verdict,
     solved_verdict,
 )
-from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, seed_scores
+from jbench.report.analysis.pair import IQM_DIFFERENCE, Pair
+from jbench.report.analysis.scores import seed_scores
 from jbench.report.data.configuration import Configuration, differing_in
 from jbench.report.data.scores import Scores
 from jbench.report.data.untrained import random_return

@@ -8,8 +8,9 @@ from typing import Any
 import pandas as pd
 
 from jbench.names import RETURNS
+from jbench.report.analysis.all_tasks import Range, ranges, strata, together
 from jbench.report.analysis.judging import Comparison, judge
-from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, Range, ranges, strata, together
+from jbench.report.analysis.pair import IQM_DIFFERENCE, Pair
 from jbench.report.data.configuration import Configuration, Configurations
 from jbench.report.data.source_names import FILE
 from jbench.representation_names import FULL

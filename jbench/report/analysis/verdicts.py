@@ -16,7 +16,7 @@ from jbench.names import RETURNS
 from jbench.report.analysis.baselines import baseline_pairs
 from jbench.report.analysis.decisions import Study
 from jbench.report.analysis.judging import SEQUENTIAL, Comparison, Judgment, judge
-from jbench.report.analysis.scores import Pair
+from jbench.report.analysis.pair import Pair
 from jbench.report.data.configuration import ID, Configuration, with_returns
 from jbench.statistics import bootstrap as st
 from jbench.statistics.verdicts import Evidence

@@ -7,7 +7,7 @@ from matplotlib import colors
 from matplotlib.axes import Axes
 
 from jbench.report import style
-from jbench.report.analysis.scores import ALL_TASKS, NORMALIZED
+from jbench.report.analysis.all_tasks import ALL_TASKS, NORMALIZED
 from jbench.report.figures import cells, marks
 from jbench.report.figures.chart import ROWS, Chart, by_task
 from jbench.report.frames import Frames

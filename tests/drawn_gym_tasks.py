@@ -68,6 +68,22 @@ class LacksPackage(Drawn):
         raise DependencyNotInstalled("paint is not installed, run `pip install paint`")
 
 
+class Licensed(Drawn):
+    """Takes a license when it is made, and returns it when it is closed."""
+
+    licenses = 2
+    taken = 0
+
+    def __init__(self, render_mode=None):
+        if Licensed.taken == Licensed.licenses:
+            raise OSError("no license is free")
+        Licensed.taken += 1
+        super().__init__(render_mode)
+
+    def close(self):
+        Licensed.taken -= 1
+
+
 def maker(kind):
     """Returns a function that makes an environment in a render mode."""
     return lambda render_mode=None: limited(lambda: kind(render_mode))()
@@ -75,6 +91,7 @@ def maker(kind):
 
 drawn = maker(Drawn)
 narrows = maker(Narrows)
+licensed = maker(Licensed)
 no_pixel = maker(RendersNoPixel)
 without_mode = maker(WithoutMode)
 nothing = maker(RendersNothing)

@@ -10,6 +10,7 @@ from numpy.random import PCG64, Generator, SeedSequence
 from numpy.typing import NDArray
 from torch import Tensor
 
+from jbench.closing import closed_on_error
 from jbench.encoders import Encoder, action_signs
 from jbench.tasks.find import find_task
 from jbench.tasks.worlds import EpisodeError, Worlds
@@ -142,7 +143,8 @@ class Environments:
         self.failures: dict[int, EpisodeError] = {}
         self.episodes = 0
         self.steps = 0
-        self._begin_episodes()
+        with closed_on_error(self._worlds):
+            self._begin_episodes()
 
     def close(self) -> None:
         """Stops the threads."""

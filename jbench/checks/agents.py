@@ -18,6 +18,7 @@ from jbench.agents.environments import SeedState
 from jbench.agents.find import find_class
 from jbench.agents.plugin_engine import PluginEngine
 from jbench.checks.checked import NamedCheck, NotableError
+from jbench.closing import closed_on_error
 from jbench.errors import WorkError
 from jbench.settings.base import settings_with
 from jbench.wording import counted
@@ -46,7 +47,8 @@ def agent_checks(name: str, task: str, settings: Mapping[str, Any]) -> Iterator[
 
     def make(seeds: list[int], environments: int = 1) -> PluginEngine:
         robots = environments_class(task)(task, seeds, environments, episode_steps=EPISODE)
-        return PluginEngine(name, kind, values, robots)
+        with closed_on_error(robots):
+            return PluginEngine(name, kind, values, robots)
 
     yield from _checks_of_both(name, make, task)
     yield "evaluation", partial(_evaluation, make)
@@ -62,7 +64,8 @@ def rule_checks(name: str, task: str, settings: Mapping[str, Any]) -> Iterator[N
 
     def make(seeds: list[int], environments: int = 1) -> Engine:
         robots = environments_class(task)(task, seeds, environments, episode_steps=EPISODE)
-        return make_engine(kind, values, robots)
+        with closed_on_error(robots):
+            return make_engine(kind, values, robots)
 
     yield from _checks_of_both(name, make, task)
     yield "side by side", partial(_side_by_side, make)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from jbench.closing import make_all
 from jbench.errors import ERRORS_OF_OTHERS, WorkError, WorkWarning, sentence_of_failure
 from jbench.tasks.environment_maker import EnvironmentMaker
 from jbench.tasks.environment_specification import UnusableError
@@ -33,7 +34,7 @@ class EnvironmentWorlds(EndingWorlds):
         self.episode_steps = task.episode_steps
         self.failures = {}
         self.unlike = set()
-        self.environments = [task.environment(0, draws=draws) for _ in range(count)]
+        self.environments = _new_environments(task, count, draws=draws)
         self.elapsed = np.zeros(count, np.int64)
         self.terminated = np.zeros(count, bool)
         self.truncated = np.zeros(count, bool)
@@ -146,9 +147,11 @@ class EnvironmentWorlds(EndingWorlds):
     def prepare_pictures(self) -> None:
         """See `Worlds.prepare_pictures`: the environments are made again."""
         check_can_draw(self._task.name, self.environments[0])
+        count = len(self.environments)
         self.close()
+        self.environments = []  # none is left to close if the next ones can't be made
         self._draws = True
-        self.environments = [self._task.environment(0, draws=True) for _ in self.environments]
+        self.environments = _new_environments(self._task, count, draws=True)
         check_draws(self._task.name, self.environments[0])
 
     def picture(self, world: int) -> NDArray[np.uint8]:
@@ -216,6 +219,11 @@ class EnvironmentWorlds(EndingWorlds):
             reason,
             by_numbers=not isinstance(error, OSError | MemoryError),
         )
+
+
+def _new_environments(task: EnvironmentMaker, count: int, *, draws: bool) -> list[Any]:
+    """Returns environments of a task; if one can't be made, those before it are closed."""
+    return make_all(count, partial(task.environment, 0, draws=draws), partial(close, task.name))
 
 
 def close(task: str, environment: Any) -> None:

@@ -14,6 +14,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box, Space
 from numpy.typing import NDArray
 
+from jbench.closing import closed_on_error
 from jbench.errors import RequestError
 from jbench.tasks.find import find_task
 from jbench.tasks.pictures import Pictures, View
@@ -75,7 +76,8 @@ class RobotEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.world = robot_task.world(augment, vary_masses=vary_masses)
         view = View(render_mode, camera, width, height)
         modes = self.metadata["render_modes"]
-        self._pictures = Pictures(robot_task, self.world, view, modes)
+        with closed_on_error(self.world):
+            self._pictures = Pictures(robot_task, self.world, view, modes)
 
     @property
     def model(self) -> mujoco.MjModel:

@@ -15,6 +15,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from jbench.closing import closed_on_error
 from jbench.cores import cores
 from jbench.errors import RequestError
 from jbench.tasks.find import find_task
@@ -96,7 +97,8 @@ class RobotVectorEnv(
         }
         self._worlds = robot_task.worlds(num_envs, threads, augment, vary_masses=vary_masses)
         modes = self.metadata["render_modes"]
-        self._pictures = Pictures(robot_task, self._worlds, View(render_mode, **view), modes)
+        with closed_on_error(self._worlds):
+            self._pictures = Pictures(robot_task, self._worlds, View(render_mode, **view), modes)
         self._limit = np.inf if limit == -1 else limit
         self._random = [seeding.np_random() for _ in range(num_envs)]
         self._elapsed = np.zeros(num_envs, np.int64)

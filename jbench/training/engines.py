@@ -16,6 +16,7 @@ from jbench.agents.ending_environments import environments_class
 from jbench.agents.find import find_class
 from jbench.agents.plugin_engine import PluginEngine
 from jbench.agents.trainer import Trainer
+from jbench.closing import closed_on_error
 from jbench.cores import cores
 from jbench.devices import find_device
 from jbench.encoders import Encoder
@@ -68,25 +69,26 @@ def make_trainer(
         augment=lambda episode: settings.robot_seed(episode // settings.episodes_on_each),
         episode_steps=settings.episode_steps,
     )
-    if settings.engine == "plugin":
-        return PluginEngine(
-            settings.algo,
+    with closed_on_error(environments):
+        if settings.engine == "plugin":
+            return PluginEngine(
+                settings.algo,
+                algorithm,
+                values,
+                environments,
+                time_limit=settings.time_limit,
+                device=train_on,
+            )
+
+        return make_engine(
             algorithm,
             values,
             environments,
             time_limit=settings.time_limit,
             device=train_on,
+            ofe=settings.ofe,
+            precision=settings.precision,
         )
-
-    return make_engine(
-        algorithm,
-        values,
-        environments,
-        time_limit=settings.time_limit,
-        device=train_on,
-        ofe=settings.ofe,
-        precision=settings.precision,
-    )
 
 
 @contextmanager

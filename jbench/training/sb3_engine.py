@@ -13,6 +13,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from jbench.agents import sb3
 from jbench.agents.engine import AfterStep, DivergedError, divergent_loss
 from jbench.agents.environments import Ends, SeedState
+from jbench.closing import closed_on_error, make_all
 from jbench.encoders import Encoder, on_observations
 from jbench.errors import RequestError
 from jbench.policies.network import SavedNetwork
@@ -30,9 +31,12 @@ class SB3Engine(AbstractContextManager["SB3Engine"]):
 
     def __init__(self, settings: RunSettings, encoder: Encoder | None, seed: int) -> None:
         self._encoder = encoder
-        self._robots = [RobotSequence(settings, encoder) for _ in range(settings.environments)]
-        env = DummyVecEnv([partial(_made, robot) for robot in self._robots])
-        self._agent = sb3.build(settings.algo, settings.algorithm, env, seed)
+        make = partial(RobotSequence, settings, encoder)
+        self._robots = make_all(settings.environments, make, RobotSequence.close)
+        with closed_on_error(*self._robots):
+            env = DummyVecEnv([partial(_made, robot) for robot in self._robots])
+            self._agent = sb3.build(settings.algo, settings.algorithm, env, seed)
+
         self._rollout = sb3.rollout(self._agent)
         self.diverged: dict[int, DivergedError] = {}
         self.failures: dict[int, EpisodeError] = {}  # none: an error ends the loop
@@ -50,7 +54,8 @@ class SB3Engine(AbstractContextManager["SB3Engine"]):
 
     def __exit__(self, *_: object) -> None:
         """Closes the environments."""
-        if (env := self._agent.get_env()) is not None:
+        env = self._agent.get_env()
+        if env is not None:
             env.close()
 
     def train(self, steps: int, after_step: AfterStep) -> None:

@@ -1,4 +1,4 @@
-"""Tests of environments whose `close` fails: it is a warning, and their work is kept."""
+"""Tests of what closes environments, and of a `close` that fails: a warning, the work is kept."""
 
 import re
 import signal
@@ -9,14 +9,18 @@ import pytest
 
 import jbench
 from jbench.datasets import find_dataset
-from jbench.errors import WorkWarning
+from jbench.errors import RequestError, WorkWarning
 from jbench.store import Results
 from jbench.tasks.find import find_task
+from jbench.tasks.gym import RobotEnv
+from jbench.tasks.vector import RobotVectorEnv
 from tests import mistaken_gym_tasks
 from tests.command_line import SMALL
+from tests.drawn_gym_tasks import Licensed
 from tests.gym_tasks import EPISODE
 
 MISTAKEN = "tests.mistaken_gym_tasks"
+LICENSED = "tests.drawn_gym_tasks:licensed"
 FAILS = f"{MISTAKEN}:fails_to_close"
 QUITS = f"{MISTAKEN}:quits_at_close"
 GONE = (
@@ -68,6 +72,29 @@ def test_reason_of_a_refusal_is_not_that_of_close(run_command):
     warning, error = err.splitlines()
     assert re.fullmatch(f"Warning: {task}: {GONE}", warning)
     assert "its observation observation is a picture" in error
+
+
+def test_environments_before_one_that_cannot_be_made_are_closed():
+    with pytest.raises(RequestError, match="OSError: no license is free"):
+        find_task(LICENSED).worlds(3)
+    assert Licensed.taken == 0
+
+
+def test_environments_that_cannot_be_made_again_to_draw_are_closed_once(monkeypatch):
+    with find_task(LICENSED).worlds(2) as worlds:
+        assert Licensed.taken == 2
+        monkeypatch.setattr(Licensed, "licenses", 1)
+        with pytest.raises(RequestError, match="no license is free"):
+            worlds.prepare_pictures()
+        assert Licensed.taken == 0
+    assert Licensed.taken == 0
+
+
+@pytest.mark.parametrize("make", [RobotEnv, lambda *a, **view: RobotVectorEnv(a[0], 2, **view)])
+def test_environments_of_a_view_that_does_not_exist_are_closed(make):
+    with pytest.raises(RequestError, match="has no camera side"):
+        make(LICENSED, render_mode="rgb_array", camera="side")
+    assert Licensed.taken == 0
 
 
 TRAIN = ("train", "--algo", "td3", "--steps", 4 * EPISODE, "--seeds", "0-1", *SMALL)

@@ -1,0 +1,38 @@
+"""What must be closed although the object that would have closed it was never made."""
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from typing import Protocol, TypeVar
+
+_Made = TypeVar("_Made")
+
+
+class Closable(Protocol):
+    """Something that holds threads, files or processes."""
+
+    def close(self) -> object:
+        """Releases them."""
+
+
+@contextmanager
+def closed_on_error(*owned: Closable) -> Iterator[None]:
+    """Closes objects if the block raises an error; otherwise they stay open."""
+    with ExitStack() as closing:
+        for each in owned:
+            closing.callback(each.close)
+        yield
+        closing.pop_all()
+
+
+def make_all(
+    count: int, make: Callable[[], _Made], close: Callable[[_Made], object]
+) -> list[_Made]:
+    """Returns objects of one kind; if one can't be made, those before it are closed."""
+    objects = []
+    with ExitStack() as closing:
+        for _ in range(count):
+            made = make()
+            closing.callback(close, made)
+            objects.append(made)
+        closing.pop_all()
+    return objects

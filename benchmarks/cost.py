@@ -23,7 +23,7 @@ from jbench.names import SettingsBase
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.run import RunSettings
 from jbench.sweeps.batches import batches
-from jbench.training.engines import seconds_per_step
+from jbench.training.speed import seconds_per_step
 
 SEEDS = 10
 PAPER_STEPS = 5_000_000

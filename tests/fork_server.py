@@ -213,10 +213,11 @@ if __name__ == "__main__":
     leave_in_page_cache()
     import_all()
     from jbench.encoders import reconstruction
-    from jbench.training import engines
+    from jbench.training import speed
 
     # The speed of training is measured on few steps, encoders are evaluated on few episodes.
-    engines._STEPS, engines._UPDATES = 20, 2
+    speed._STEPS = 20
+    speed._UPDATES = 2
     reconstruction._EPISODES = 2
     with contextlib.suppress(KeyboardInterrupt):
         Server(listener=socket.socket(fileno=int(sys.argv[1]))).serve()

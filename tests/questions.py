@@ -1,13 +1,16 @@
 """Checks who asks for the robot or the engine: `python tests/questions.py`, by `make lint`.
 
-Which robot it is, only tasks and settings ask, and which engine, the choice of a trainer.
-Everything else asks the task, or the facts of the engine.
+Which robot it is, only tasks and settings ask; everything else asks the task. Which engine it is,
+nothing asks: `jbench/settings/engines.py` has the facts of each.
 """
 
 import ast
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import get_args
+
+from jbench.names import EngineName
 
 JBENCH = Path(__file__).resolve().parents[1] / "jbench"
 MAY_ASK = ("tasks/", "settings/", "task_specs.py", "datasets/by_robot.py")
@@ -17,12 +20,7 @@ KNOW_THE_JITTERBUG = {
     "encoders/kinds/planar.py",  # its mechanics are known to these encoders
 }
 
-MAKE_AN_AGENT = {
-    "studies/arms.py",  # finds recorded runs without torch
-    "training/continuation.py",  # asks the class of an agent whether it can be resumed
-    "training/engines.py",
-    "training/request.py",  # tries the settings of a class of stable-baselines3
-}
+ENGINES = get_args(EngineName)
 
 Modules = dict[str, list[ast.AST]]
 """All nodes of each module by its file."""
@@ -49,9 +47,10 @@ def asks_for_robot(node: ast.AST) -> bool:
 
 def asks_for_engine(node: ast.AST) -> bool:
     """Returns whether a comparison is such as `run.engine == "sb3"`."""
-    if not isinstance(node, ast.Compare) or last_name(node.left) != "engine":
+    if not isinstance(node, ast.Compare):
         return False
-    return isinstance(getattr(node.comparators[0], "value", None), str)
+    compared = (getattr(part, "value", None) for part in ast.walk(node))
+    return any(value in ENGINES for value in compared if isinstance(value, str))
 
 
 def imports_jitterbug(node: ast.AST) -> bool:
@@ -84,17 +83,13 @@ def mistakes(found_in: Modules) -> Iterator[str]:
     know = {
         name for name in files_with(imports_jitterbug, found_in) if not name.startswith("tasks/")
     }
-    engine = {
-        name for name in files_with(asks_for_engine, found_in) if not name.startswith("settings/")
-    }
-    for found, listed, does in (
-        (know, KNOW_THE_JITTERBUG, "imports from jbench.tasks.jitterbug"),
-        (engine, MAKE_AN_AGENT, "asks which engine it is"),
-    ):
-        for name in sorted(found - listed):
-            yield f"{name} {does}; ask the task or the engine, or list it here."
-        for name in sorted(listed - found):
-            yield f"{name} is listed here, and no longer {does}."
+    for name in sorted(know - KNOW_THE_JITTERBUG):
+        yield f"{name} imports from jbench.tasks.jitterbug; ask the task, or list it here."
+    for name in sorted(KNOW_THE_JITTERBUG - know):
+        yield f"{name} is listed here, and no longer imports from jbench.tasks.jitterbug."
+
+    for name in sorted(files_with(asks_for_engine, found_in)):
+        yield f"{name} asks which engine it is; ask the facts of the engine."
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ from pydantic_core import to_jsonable_python
 
 from jbench import plugins
 from jbench.agents.batched.rule import Rule
-from jbench.agents.find import algorithm_provenance, find_class, package_and_version
+from jbench.agents.find import algorithm_provenance, find_class, find_engine, package_and_version
 from jbench.agents.plugin import Agent
 from jbench.errors import RequestError
 from jbench.names import TASKS, EngineName, SettingsBase
@@ -106,17 +106,9 @@ def choose_engine(algo: str, wanted: EngineName | None = None) -> EngineName:
         WorkError: see `find_class`.
     """
     if algo in SETTINGS:
-        if wanted == "plugin":
-            raise RequestError(f"{algo} is not an agent of another package: type batched or sb3.")
-        return wanted or "batched"
+        return SETTINGS[algo].choose_engine(algo, wanted)
 
-    kind = find_class(algo)
-    engine: EngineName = "sb3"
-    if issubclass(kind, Agent):
-        engine = "plugin"
-    elif issubclass(kind, Rule):
-        engine = "batched"
-
+    engine = find_engine(algo)
     if wanted not in (None, engine):
         raise RequestError(f"{algo} has the engine {engine}, not {wanted}; leave the engine out.")
 

@@ -10,6 +10,7 @@ from jbench import plugins
 from jbench.agents.batched.rule import Rule
 from jbench.agents.plugin import Agent, AgentSettings
 from jbench.errors import RequestError, WorkError
+from jbench.names import EngineName
 from jbench.settings.algorithms import SETTINGS, OffPolicySettings
 from jbench.settings.base import Settings
 from jbench.typed_values import known
@@ -23,20 +24,27 @@ class _Group:
         what: what is offered, in errors.
         base: class of which it is a subclass.
         settings: class of which its `Settings` are a subclass.
+        engine: which trains it.
         methods: those that it must have, in errors.
     """
 
     what: str
     base: type
     settings: type[Settings]
+    engine: EngineName
     methods: str = ""
 
 
 _GROUPS = {
-    "jbench.agents": _Group("agent", Agent, AgentSettings, " with explore, act and learn"),
-    "jbench.rules": _Group("rule", Rule, OffPolicySettings),
+    "jbench.agents": _Group(
+        "agent", Agent, AgentSettings, "plugin", methods=" with explore, act and learn"
+    ),
+    "jbench.rules": _Group("rule", Rule, OffPolicySettings, "batched"),
 }
 """By the name of the group."""
+
+_ENGINE_OF_OTHERS: EngineName = "sb3"
+"""The engine of classes that are in no group, which have the interface of stable-baselines3."""
 
 _NAME = re.compile(r"[a-z][a-z0-9-]*")
 
@@ -68,20 +76,36 @@ def find_class(name: str) -> Any:
         return _checked(name, plugins.load(group.what, point), group)
 
     kind = plugins.imported("algorithm", name)
-    bases = inspect.getmro(kind) if isinstance(kind, type) else ()
-    for group in _GROUPS.values():
-        if group.base in bases:
-            return _checked(name, kind, group)
+    group_of_kind = _group(kind)
+    if group_of_kind is not None:
+        return _checked(name, kind, group_of_kind)
 
     from stable_baselines3.common.base_class import BaseAlgorithm  # takes a second to import
 
-    if BaseAlgorithm not in bases:
+    if BaseAlgorithm not in _bases(kind):
         raise RequestError(
             f"{name} is no subclass of jbench.Agent, jbench.Rule or stable-baselines3's "
             "BaseAlgorithm; record its training loop with jbench.record (docs/recording.md)."
         )
 
     return kind
+
+
+def find_engine(name: str) -> EngineName:
+    """Returns the engine that trains an algorithm that is not jbench's; raises as `find_class`."""
+    group = _group(find_class(name))
+    return _ENGINE_OF_OTHERS if group is None else group.engine
+
+
+def _group(kind: Any) -> _Group | None:
+    """Returns the group of agents or update rules to which a class belongs; None if to neither."""
+    bases = _bases(kind)
+    return next((group for group in _GROUPS.values() if group.base in bases), None)
+
+
+def _bases(kind: Any) -> tuple[type, ...]:
+    """Returns a class and those from which it derives; none of what is no class."""
+    return inspect.getmro(kind) if isinstance(kind, type) else ()
 
 
 def _checked(name: str, kind: Any, group: _Group) -> Any:

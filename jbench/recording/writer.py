@@ -78,7 +78,7 @@ class RunWriter:
     def evaluate(self, act: Act, control_steps: int) -> NDArray[np.float64]:
         """Returns the (evaluate_episodes,) returns of a policy, copied at a control step."""
         act = on_observations(self._encoder, act)
-        seeds = derive_seeds(self._settings.seed)[1:]
+        seeds = [derive_seeds(self._settings.seed).evaluations]
         number = self.log.progress.evaluations
         (made,) = evaluate_policies(self._settings, seeds, number, act, threads=cores())
         if made.failure is not None:

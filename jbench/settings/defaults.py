@@ -150,7 +150,7 @@ def _if_not_typed(name: str, run: RunSettings, base: SettingsBase | None) -> Any
     if name == "time_limit":
         return default_time_limit(base)
     if name == "engine" and run.algo in SETTINGS:
-        return "batched"
+        return SETTINGS[run.algo].choose_engine(run.algo)
     if name == "engine":
         return run.engine
     return typed_default(RunSettings.model_fields[name])

@@ -163,7 +163,7 @@ class RunSettings(TrainedSettings):
         """The settings of the algorithm; of another package's, only their names are checked."""
         kind = SETTINGS.get(self.algo)
         if kind is None:
-            foreign = ForeignRule if self.engine == "batched" else Foreign
+            foreign = ForeignRule if ENGINES[self.engine].trains_rules else Foreign
             return foreign(hyperparameters=self.hyperparameters)
         return validated(kind, self.algo, **self.hyperparameters)
 

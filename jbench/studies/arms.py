@@ -90,11 +90,11 @@ class Arm:
     def _algorithm_fields(self) -> dict[str, Any]:
         """The fields of `RunSettings` that describe the algorithm."""
         overrides = self.part.hyperparameters.get(self.algo)
-        if self.algo in SETTINGS and self.part.engine != "plugin":
+        if self.algo in SETTINGS:
             ours = algorithm_settings(self.algo, self.base, overrides)
             return {
                 "algo": self.algo,
-                "engine": self.part.engine or "batched",
+                "engine": SETTINGS[self.algo].choose_engine(self.algo, self.part.engine),
                 "hyperparameters": ours.model_dump(mode="json"),
             }
 

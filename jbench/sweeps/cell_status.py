@@ -22,7 +22,7 @@ from jbench.store.provenance import processor
 from jbench.sweeps.batches import batches
 from jbench.sweeps.cell import Cell
 from jbench.tasks.find import checked_task, find_task
-from jbench.training import engines
+from jbench.training import speed
 from jbench.training.status import run_status
 from jbench.wording import counted, duration, in_matrix_file
 
@@ -237,11 +237,11 @@ def _available() -> int | None:
 
 def _evaluating(run: RunSettings, seconds: float, device: str, final_episodes: int | None) -> float:
     """Returns the share of a run's time that its evaluations take; 0 if it can't be measured."""
-    steps = engines.evaluation_steps(run, final_episodes)
+    steps = speed.evaluation_steps(run, final_episodes)
     if steps <= 1:
         return 0.0
     with contextlib.suppress(*ERRORS_OF_OTHERS):
-        stepping = engines.stepping(run, run.evaluate_episodes, device=device)
+        stepping = speed.stepping(run, run.evaluate_episodes, device=device)
         return min(1.0, steps * stepping / seconds)
     return 0.0
 
@@ -289,7 +289,7 @@ def _quick_measurement(
     together = batches(runs, jobs, device)[0]
     try:
         with one_thread():
-            seconds = engines.seconds_per_step(together, device, final_episodes=final_episodes)
+            seconds = speed.seconds_per_step(together, device, final_episodes=final_episodes)
         return _Estimate(seconds / len(together), "a quick measurement")
     except ERRORS_OF_OTHERS:  # the training will say what is wrong, and stop no other run
         return None

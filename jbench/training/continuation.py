@@ -153,7 +153,7 @@ def obstacle(run: RunSettings, finished: bool = True) -> str | None:
         return "the steps of each robot in a sequence depend on the total"
     if not ENGINES[run.engine].has_checkpoints:
         return "stable-baselines3 has no checkpoints here"
-    if run.engine != "plugin":
+    if not ENGINES[run.engine].asks_agents_for_state:
         return None
 
     kind = find_class(run.algo)

@@ -78,10 +78,17 @@ def final_evaluation_episodes(settings: RunSettings, requested: int | None) -> i
     return max(settings.evaluate_episodes, min(FINAL_EPISODES, trained))
 
 
-def derive_seeds(seed: int) -> tuple[int, int]:
-    """Returns the seed of the agent and that of the evaluations of a run with this seed."""
+class RunSeeds(NamedTuple):
+    """The seed of a run's agent, and that of its evaluations."""
+
+    agent: int
+    evaluations: int
+
+
+def derive_seeds(seed: int) -> RunSeeds:
+    """Returns the seeds that follow from that of a run."""
     agent, evaluations = np.random.SeedSequence(seed).generate_state(2)
-    return int(agent), int(evaluations)
+    return RunSeeds(int(agent), int(evaluations))
 
 
 class Evaluation(NamedTuple):

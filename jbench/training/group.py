@@ -180,7 +180,7 @@ class TrainingGroup:
         is_final = engine.has_made(settings.steps)
         return evaluation.evaluate_policies(
             settings,
-            [evaluation.derive_seeds(member.settings.seed)[1] for member in self._members],
+            [evaluation.derive_seeds(member.settings.seed).evaluations for member in self._members],
             first.log.progress.evaluations,
             engine.act,
             threads=engine.threads,

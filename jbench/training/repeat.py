@@ -104,7 +104,7 @@ def reevaluate(results: Results, record: Record, accept_changed: bool = False) -
         with one_thread(), _acting(settings, agent, control_steps, device) as act:
             (evaluation,) = evaluate_policies(
                 settings,
-                [derive_seeds(settings.seed)[1]],
+                [derive_seeds(settings.seed).evaluations],
                 number,
                 act,
                 control_steps=control_steps,

@@ -86,12 +86,12 @@ def request_runs(
 
     fields["time_limit"] = fields.get("time_limit") or default_time_limit(base)
     algorithm = algorithm_fields(algo, engine, base, algorithm_changes, task)
-    is_mirrored = algorithm["engine"] == "batched" and algorithm["hyperparameters"].get("mirror")
-    if "encoder" in fields and is_mirrored:
-        input_mirror(task, load_encoder(results, fields["encoder"], accept_changed).encoder)
-
     fields["specs"] = find_task(task).specs
-    return make_runs(seeds, encoders, task=task, **algorithm, **fields)
+    runs = make_runs(seeds, encoders, task=task, **algorithm, **fields)
+    first = runs[0]
+    if first.encoder is not None and first.algorithm.is_mirrored:
+        input_mirror(task, load_encoder(results, first.encoder, accept_changed).encoder)
+    return runs
 
 
 def make_runs(
@@ -147,14 +147,18 @@ def _check_agent(run: RunSettings) -> None:
     settings = hyperparameters(run)
     if isinstance(settings, Algorithm):
         settings.check_environments(run.environments)
-        if run.engine == "sb3":
-            settings.check_stable_baselines3()
-    elif run.engine == "sb3":
-        from jbench.agents import sb3  # stable-baselines3 takes a second to import
+    if not ENGINES[run.engine].is_stable_baselines3:
+        return
 
-        task = find_task(run.task)
-        sizes = task.observation_size, task.action_size
-        sb3.check(run.algo, run.hyperparameters, sizes, run.environments)
+    if isinstance(settings, Algorithm):
+        settings.check_stable_baselines3()
+        return
+
+    from jbench.agents import sb3  # stable-baselines3 takes a second to import
+
+    task = find_task(run.task)
+    sizes = task.observation_size, task.action_size
+    sb3.check(run.algo, run.hyperparameters, sizes, run.environments)
 
 
 def read_representation(results: Results, encoder: str, accept_changed: bool = False) -> str:

@@ -12,7 +12,7 @@ from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.tasks.find import find_task
 from jbench.training.continuation import check_state_can_be_kept
-from jbench.training.engines import learning_share
+from jbench.training.speed import learning_share
 from tests.agents.batched_oracle import (
     SIZE,
     build_learner,

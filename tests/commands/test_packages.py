@@ -196,7 +196,7 @@ def test_edited_package_is_another_experiment(site, tmp_path, monkeypatch):
         (("tqc", "--precision", "bfloat16"), "tqc does not learn in bfloat16"),
         (("random-search", "--engine", "batched"), "has the engine plugin, not batched"),
         (("random-search", "--encoder", "ofe12"), "of the batched engine, not for random-search"),
-        (("td3", "--engine", "plugin"), "td3 is not an agent of another package"),
+        (("td3", "--engine", "plugin"), "td3 has the engine batched or sb3, not plugin"),
         (("random-serch",), "did you mean random-search"),
         (("sb3_contrib:TQC", "--engine", "plugin"), "has the engine sb3, not plugin"),
         (("nowhere:TQC",), "there is no module nowhere"),

@@ -22,7 +22,7 @@ from jbench.recording.request import record
 from jbench.store import Results
 from jbench.studies.matrix import read_matrix
 from jbench.sweeps.cell import matrix_cells
-from jbench.training import engines
+from jbench.training import speed
 from tests.documentation import ROOT
 from tests.store.store_whole import add_whole_run
 
@@ -412,7 +412,7 @@ def test_ids_and_settings_are_completed(words, offered, demo_results, monkeypatc
 
 
 def test_dry_run_of_train_shows_time_left_and_trains_nothing(tmp_path, document, monkeypatch):
-    monkeypatch.setattr(engines, "stepping", lambda *_, **__: 0.001)
+    monkeypatch.setattr(speed, "stepping", lambda *_, **__: 0.001)
     one = ("--algo", "td3", "--seed", "3", "--steps", "1000")
     forecast = document("train", "--dry-run", *one, results=tmp_path)
     (cell,) = forecast["configurations"]

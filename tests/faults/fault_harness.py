@@ -33,7 +33,7 @@ from jbench.store import Results
 from jbench.store.manifest import KINDS
 from jbench.store.schema import TIMES
 from jbench.sweeps import executors
-from jbench.training import engines
+from jbench.training import speed
 from tests.faults.fault_injection import CALLS, Fault
 from tests.faults.fault_verbs import FILES, VERBS
 from tests.faults.forked_commands import ForkedWorker, run_command
@@ -176,7 +176,7 @@ def cases(verbs, calls, every_error, folder):
 def run(request):
     """Runs the cases of a request; yields a dictionary for each."""
     shorten_episodes(steps=EPISODE)
-    engines.seconds_per_step = lambda *_, **__: 1e-3
+    speed.seconds_per_step = lambda *_, **__: 1e-3
     executors.subprocess = type("Forking", (), {"Popen": ForkedWorker, "PIPE": -1})
     fixed.PART_EPISODES = 4
     calls, every_error = request.get("calls", CALLS), request.get("every_error", False)

@@ -12,7 +12,7 @@ from jbench.sweeps.cell_status import CellStatus, cell_statuses, forecast, secon
 from jbench.sweeps.executors import Local
 from jbench.sweeps.scheduler import forecasts
 from jbench.tasks.find import find_task
-from jbench.training import engines
+from jbench.training import speed
 from jbench.training.status import failures_among, record_failure, run_status, run_statuses
 from tests.store.store_rows import alter_manifest, episodes
 from tests.sweep_matrices import runs_of_matrix, write_matrix
@@ -134,7 +134,7 @@ def test_measurement_here_wins_over_records_and_has_the_seeds_of_a_process(
         measured.append([run.seed for run in runs])
         return 0.002 * len(runs)
 
-    monkeypatch.setattr(engines, "seconds_per_step", measure)
+    monkeypatch.setattr(speed, "seconds_per_step", measure)
     (line,) = cell_statuses([cell], results, jobs=2)
     assert measured == [[1, 2]]  # of seeds 1 to 3, two share a process
     # 2 ms a control step, 10,000 of each seed, two of them one after the other.
@@ -148,8 +148,8 @@ def test_measurement_that_fails_stops_nothing(error, results, cell, monkeypatch)
     def fail(*_, **__):
         raise error
 
-    monkeypatch.setattr(engines, "seconds_per_step", fail)
-    monkeypatch.setattr(engines, "stepping", fail)
+    monkeypatch.setattr(speed, "seconds_per_step", fail)
+    monkeypatch.setattr(speed, "stepping", fail)
     (line,) = cell_statuses([cell], results, jobs=2, final_episodes=1000)
     assert (line.seconds_left, line.estimate) == (None, "unknown")
 
@@ -160,7 +160,7 @@ def test_measurement_that_fails_stops_nothing(error, results, cell, monkeypatch)
 
 
 def test_runs_of_other_lengths_are_measured_on_their_own(tmp_path, results, monkeypatch):
-    monkeypatch.setattr(engines, "seconds_per_step", lambda runs, *_, **__: 10 / runs[0].steps)
+    monkeypatch.setattr(speed, "seconds_per_step", lambda runs, *_, **__: 10 / runs[0].steps)
     cells = []
     for steps in (1000, 5000):
         matrix = read_matrix(write_matrix(tmp_path, seeds="0", steps=steps))
@@ -180,7 +180,7 @@ def test_episodes_of_last_evaluations_that_were_typed_count(
         measured.append(final_episodes)
         return 1.0
 
-    monkeypatch.setattr(engines, "seconds_per_step", measure)
+    monkeypatch.setattr(speed, "seconds_per_step", measure)
     if verb == "training that begins":
         list(forecasts([cell], results, Local(results, 1, final_episodes=7)))
     else:

@@ -1,4 +1,4 @@
-"""Tests of runs of the batched engine: rows, paths, batches, settings and measured speed."""
+"""Tests of runs of the batched engine: rows, paths, batches and settings."""
 
 import shutil
 
@@ -12,15 +12,8 @@ from jbench.policies.saved import load_agent
 from jbench.settings.evaluations import evaluation_schedule
 from jbench.store import Results
 from jbench.store.locks import HeldError
-from jbench.training import batched_run, engines, evaluation
+from jbench.training import batched_run, evaluation
 from jbench.training.batched_run import run_batch
-from jbench.training.engines import (
-    evaluation_steps,
-    learning_share,
-    make_trainer,
-    seconds_per_step,
-    stepping,
-)
 from jbench.training.evaluation import derive_seeds, evaluate_policies
 from jbench.training.events import EpisodeEnded
 from jbench.training.repeat import reevaluate
@@ -198,7 +191,7 @@ def test_paths_are_of_own_episodes_of_each_seed(tmp_path):
         record, agent = results.find("run", run.id), load_agent(results, run.id)
         found = record.read("paths").to_pandas()
         assert paths(record) == {(0, 50): 3, (2, 150): 3}
-        (made,) = evaluate_policies(run, derive_seeds(run.seed)[1:], 2, agent.act)
+        (made,) = evaluate_policies(run, [derive_seeds(run.seed).evaluations], 2, agent.act)
         last = found[found["evaluation"] == 2]
         # The engine rounds differently from the single policy.
         np.testing.assert_allclose(last[["x", "y", "heading"]], made.path.points, atol=1e-4)
@@ -224,92 +217,6 @@ def test_incompatible_settings_and_devices_are_refused():
             training_device("batched", "cuda")
         with pytest.raises(RequestError, match="Only a GPU has the precision tf32"):
             training_device("batched", "auto", "tf32")
-
-
-def test_speed_is_measured_with_any_number_of_environments():
-    about = {"engine": "batched", "parallel": 7, "steps": 7000, "evaluate_every": 10**4}
-    assert seconds_per_step([small_run("ddpg", {}, evaluate_episodes=0, **about)]) > 0
-
-
-@pytest.mark.parametrize(
-    ("algo", "steps", "share"),
-    [
-        # TD3 as published learns after 11,000 control steps, then every 1000; the last 10,000 of
-        # 20,000 are followed by updates.
-        ("td3", 20_000, 0.5),
-        ("td3", 11_000, 1 / 11),
-        ("td3", 10_000, 0.0),
-        ("ppo", 20_480, 1.0),
-    ],
-)
-def test_estimated_speed_counts_steps_without_updates(algo, steps, share):
-    about = {"engine": "batched", "evaluate_every": 10**6, "evaluate_episodes": 0}
-    run = small_run(algo, {}, steps=steps, **about)
-    assert learning_share(run) == pytest.approx(share)
-
-
-@pytest.mark.parametrize(
-    ("algo", "overrides", "parallel", "updates"),
-    [
-        ("ddpg", {}, None, 0.5),  # 50 every 100 control steps
-        pytest.param("ddpg", {}, 7, 0.5, marks=pytest.mark.slow),
-        ("td3", {"learning_starts": 0}, None, 1.0),  # 1000 every 1000
-        pytest.param(
-            "ddpg",
-            {"train_freq": 3, "gradient_steps": 2},
-            None,
-            2 / 3,
-            marks=pytest.mark.slow,
-        ),
-        ("ppo", {"n_envs": 2, "n_steps": 25, "batch_size": 10}, None, 4 / 50),  # 4 epochs
-    ],
-)
-def test_speed_is_measured_with_the_updates_of_a_run(
-    algo, overrides, parallel, updates, monkeypatch
-):
-    about = {"steps": 10**7, "evaluate_every": 10**7, "evaluate_episodes": 0}
-    run = small_run(algo, overrides, engine="batched", parallel=parallel, **about)
-    made = []
-
-    def make_and_keep(*arguments):
-        made.append(make_trainer(*arguments))
-        return made[-1]
-
-    monkeypatch.setattr(engines, "make_trainer", make_and_keep)
-    monkeypatch.setattr(engines, "_STEPS", 10)  # of the robots without an agent
-    # A clock that counts updates.
-    counted = seconds_per_step([run], clock=lambda: made[0].updates if made else 0)
-    assert counted == pytest.approx(updates, rel=1e-3)
-
-
-@pytest.mark.parametrize(("seeds", "robots"), [(3, 6), (4, 4), (7, 7)])
-def test_robots_that_are_measured_on_a_gpu_are_divided_among_the_seeds(seeds, robots, monkeypatch):
-    monkeypatch.setattr(engines, "cores", lambda: 4)
-    monkeypatch.setattr(engines, "_STEPS", 10)
-    seen = []
-
-    def act(observations):
-        seen.append(len(observations))
-        return np.zeros((len(observations), 1), np.float32)
-
-    stepping(settings(), seeds, act, device="cuda")  # where the robots are on the processor
-    assert set(seen) == {robots}
-
-
-def test_evaluations_are_counted_in_control_steps_of_training():
-    run = settings(steps=10 * EPISODE, evaluate_every=5 * EPISODE, evaluate_episodes=2)
-    # Two episodes in the middle; at the end as many as the training has, or as were typed.
-    assert evaluation_steps(run) == pytest.approx((2 + 10) / 10)
-    assert evaluation_steps(run, 3) == pytest.approx((2 + 3) / 10)
-
-
-def test_measuring_speed_does_not_change_results(tmp_path):
-    run = settings(evaluate_episodes=0)
-    once, again = Results(tmp_path / "once"), Results(tmp_path / "again")
-    run_batch([run], once)
-    assert seconds_per_step([run]) > 0
-    run_batch([run], again)
-    assert rows(once.find("run", run.id)) == rows(again.find("run", run.id))
 
 
 @pytest.mark.slow

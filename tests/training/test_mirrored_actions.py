@@ -160,7 +160,7 @@ def test_last_evaluation_of_run_is_repeated(engine, results):
     assert np.ptp(again.recorded) > 0.1
     if engine == "batched":
         act, number = load_agent(results, record.id).act, LENGTHS["steps"] // EPISODE - 1
-        (made,) = evaluate_policies(run, derive_seeds(run.seed)[1:], number, act)
+        (made,) = evaluate_policies(run, [derive_seeds(run.seed).evaluations], number, act)
         np.testing.assert_allclose(made.returns, again.recorded, atol=1e-2)
 
 

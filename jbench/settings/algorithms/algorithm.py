@@ -3,6 +3,7 @@
 from collections.abc import Collection
 from typing import ClassVar, Self
 
+from jbench.errors import RequestError
 from jbench.names import EngineName, Precision
 from jbench.settings.base import Settings
 
@@ -27,8 +28,22 @@ class Algorithm(Settings):
 
     @classmethod
     def engines(cls, name: str) -> tuple[EngineName, ...]:
-        """Returns the engines that may train an algorithm with this name."""
+        """Returns the engines that may train an algorithm with this name, the usual one first."""
         raise NotImplementedError
+
+    @classmethod
+    def choose_engine(cls, name: str, wanted: EngineName | None = None) -> EngineName:
+        """Returns the engine that trains an algorithm with this name, the usual one by default.
+
+        Raises a RequestError if the wanted engine does not.
+        """
+        engines = cls.engines(name)
+        if wanted is None:
+            return engines[0]
+        if wanted not in engines:
+            having = " or ".join(engines)
+            raise RequestError(f"{name} has the engine {having}, not {wanted}; type {having}.")
+        return wanted
 
     @property
     def environments(self) -> int:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench.agents.algorithms import hyperparameters
+from jbench.agents.batched.off_policy import OffPolicyEngine
 from jbench.agents.trainer import Trainer
 from jbench.cores import cores
 from jbench.errors import WorkError
@@ -27,6 +28,9 @@ _STEPS = 300
 _UPDATES = 40
 """Updates of a measurement of the speed of training, over all seeds."""
 
+_UNMEASURED = 2
+"""Updates of features before a measurement, in which a GPU loads and records its kernels."""
+
 
 def seconds_per_step(
     runs: Sequence[RunSettings],
@@ -37,9 +41,10 @@ def seconds_per_step(
     """Returns the seconds per control step of each run of a process, evaluations included.
 
     The mean over a whole run: an agent of an off-policy algorithm costs less until its first
-    update. The measurement takes seconds, with temporary agents. Encoders are left out: their cost
-    is negligible. The clock is `time.process_time` if other work on the machine is not to count;
-    `final_episodes` are those of the last evaluation, if the user typed them.
+    update, just before which learned features have updates of their own. The measurement takes
+    seconds, with temporary agents. Encoders are left out: their cost is negligible. The clock is
+    `time.process_time` if other work on the machine is not to count; `final_episodes` are those of
+    the last evaluation, if the user typed them.
 
     Raises a WorkError if neither the algorithm nor the engine is jbench's own.
     """
@@ -63,15 +68,18 @@ def seconds_per_step(
 
     with make_trainer(measured, [None] * len(runs), device) as engine:
         learning = _learning(engine, short, count, clock)
+        pretraining = _pretraining(engine, settings, updates, clock)
         evaluated = len(runs) * stepping(settings, robots, engine.act, device=device, clock=clock)
 
     share = learning_share(settings)
-    return share * learning + (1 - share) * idle + evaluating * evaluated
+    return share * learning + (1 - share) * idle + pretraining + evaluating * evaluated
 
 
 def _shortened(run: RunSettings, short: Measurement) -> RunSettings:
-    """Returns the settings of a run whose learning begins soon."""
+    """Returns the settings of a run whose learning begins soon, without pretraining."""
     changes: dict[str, Any] = {"hyperparameters": {**run.hyperparameters, **short.changes}}
+    if run.ofe is not None:
+        changes["ofe"] = run.ofe.model_copy(update={"pretraining": 0.0})
     return run.model_copy(update=changes)
 
 
@@ -94,6 +102,26 @@ def _learning(
     unmeasured = environments if short.first else 0  # the step after the first updates
     engine.train(short.first + unmeasured + short.rollout, after_step)
     return (clock() - began) / (engine.control_steps - before)
+
+
+def _pretraining(
+    engine: Trainer, settings: RunSettings, updates: int, clock: Callable[[], float]
+) -> float:
+    """Returns the seconds per control step of all runs that updates of features alone take.
+
+    They are made before the first update of the agents; here, they are some `updates` after it.
+    """
+    if settings.ofe is None:
+        return 0.0
+
+    assert isinstance(engine, OffPolicyEngine)
+    engine.pretrain(_UNMEASURED)
+    engine.check_weights()  # waits for a GPU, as below
+    began = clock()
+    engine.pretrain(updates)
+    engine.check_weights()
+    seconds = (clock() - began) / updates
+    return seconds * settings.ofe.pretraining * settings.first_update / settings.last_step
 
 
 def learning_share(settings: RunSettings) -> float:

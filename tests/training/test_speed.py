@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from jbench.agents.batched.features import Features
+from jbench.settings.records import OFESettings
 from jbench.store import Results
 from jbench.training import speed
 from jbench.training.batched_run import run_batch
@@ -74,6 +76,32 @@ def test_speed_is_measured_with_the_updates_of_a_run(
     # A clock that counts updates.
     counted = seconds_per_step([run], clock=lambda: made[0].updates if made else 0)
     assert counted == pytest.approx(updates, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("pretraining", "updates"),
+    [
+        (0, 0.5),  # of the agent: 50 every 100 control steps
+        (2, 0.5 + 2 * 100 / 1000),  # before its first one, 2 for each of 100 control steps
+        pytest.param(0.5, 0.5 + 0.5 * 100 / 1000, marks=pytest.mark.slow),
+    ],
+)
+def test_speed_is_measured_with_the_pretraining_of_features(pretraining, updates, monkeypatch):
+    made = []
+
+    def learn_and_count(*arguments):
+        made.append(1)
+        return learn(*arguments)
+
+    learn = Features.learn
+    monkeypatch.setattr(Features, "learn", learn_and_count)
+    monkeypatch.setattr(speed, "_STEPS", 10)
+    ofe = {"ofe": OFESettings(units=6, layers=2, pretraining=pretraining), "representation": "ofe6"}
+    about = {"steps": 1000, "evaluate_every": 1000, "evaluate_episodes": 0, **ofe}
+    overrides = {"learning_starts": 99, "train_freq": 100, "gradient_steps": 50}
+    run = small_run("td3", overrides, engine="batched", **about)
+    # A clock that counts updates of features, of which each update of the agent makes one.
+    assert seconds_per_step([run], clock=lambda: len(made)) == pytest.approx(updates, rel=1e-3)
 
 
 @pytest.mark.parametrize(("seeds", "robots"), [(3, 6), (4, 4), (7, 7)])

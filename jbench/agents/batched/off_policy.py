@@ -123,14 +123,21 @@ class OffPolicyEngine(BatchedEngine[OffPolicyLearner[Any]]):
         self.replay.flush()
         if self.control_steps <= self._settings.learning_starts:
             return
+        if self.updates == 0:
+            self.pretrain(round(self.learners[0].pretraining * self.control_steps))
+
         first = self.updates + 1
         self.updates += self._due
         for updates in self.group_updates:
             if self._still_learning(updates.group):
-                if first == 1:
-                    updates.pretrain(self.control_steps)
                 updates.prepare(first, self._due)
                 updates.run()
+
+    def pretrain(self, updates: int) -> None:
+        """Makes updates of the features of all seeds alone, before the first of the agents."""
+        for group_updates in self.group_updates:
+            if self._still_learning(group_updates.group):
+                group_updates.pretrain(updates)
 
     def _loop_state(self, seed: int) -> dict[str, Tensor]:
         """See `BatchedEngine._loop_state`."""

@@ -76,9 +76,9 @@ class Updates:
         self._delayed: list[bool] = []
         self._samples: list[tuple[Tensor, Tensor]] = []
 
-    def pretrain(self, control_steps: int) -> None:
-        """Makes the updates that precede the first update of the agents."""
-        remaining = round(self._learner.pretraining * control_steps)
+    def pretrain(self, updates: int) -> None:
+        """Makes updates of the features alone, which precede the first update of the agents."""
+        remaining = updates
         while remaining:
             count = min(remaining, _MAX_SAMPLED)
             samples = self._sample(count)

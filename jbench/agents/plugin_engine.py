@@ -140,8 +140,9 @@ class PluginEngine(Engine):
         )
         numbers = self._numbers(self._call(self._agent.learn, transition))
         self._losses |= numbers
-        if (name := divergent_loss(numbers)) is not None:
-            self._record_divergence(0, name)
+        divergent = divergent_loss(numbers)
+        if divergent is not None:
+            self._record_divergence(0, divergent)
 
     def _numbers(self, losses: Any) -> dict[str, float]:
         """Returns the losses that `learn` returned by column, or a WorkError."""
@@ -152,7 +153,8 @@ class PluginEngine(Engine):
                 "there are none."
             )
 
-        if unknown := sorted(map(str, losses.keys() - schema.LOSSES)):
+        unknown = sorted(map(str, losses.keys() - schema.LOSSES))
+        if unknown:
             raise WorkError(
                 f"{said} the loss {', '.join(unknown)}; there are columns for "
                 f"{', '.join(schema.LOSSES)}."

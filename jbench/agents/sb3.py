@@ -143,7 +143,8 @@ def _arguments(chosen: Mapping[str, Any], shape: Any) -> dict[str, Any]:
     arguments: dict[str, Any] = {
         name: tuple(value) if isinstance(value, list) else value for name, value in chosen.items()
     }
-    if isinstance(sigma := arguments.get("action_noise"), int | float):
+    sigma = arguments.get("action_noise")
+    if isinstance(sigma, int | float):
         arguments["action_noise"] = noise.NormalActionNoise(np.zeros(shape), np.full(shape, sigma))
 
     if isinstance(arguments.get("policy_kwargs"), Mapping):

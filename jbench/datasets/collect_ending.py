@@ -34,14 +34,18 @@ def collect_ending(
     check_specs(settings.robot, settings.specs)
     task = find_task(settings.robot)
     with contextlib.closing(task.worlds(1)) as worlds:
-        # An episode has one row more than control steps.
-        while (done := record.rows(STEP_TABLE) - record.rows(EPISODE_TABLE)) < settings.steps:
+        while _steps_in(record) < settings.steps:
             first = record.rows(EPISODE_TABLE)
-            part, failure = _part(settings, worlds, first, done, progress)
+            part, failure = _part(settings, worlds, first, _steps_in(record), progress)
             if part:
                 record.append(_tables(task, first, part))
             if failure is not None:
                 raise failure
+
+
+def _steps_in(record: Record) -> int:
+    """Returns the control steps of a dataset; an episode has one row more than these."""
+    return record.rows(STEP_TABLE) - record.rows(EPISODE_TABLE)
 
 
 def _part(

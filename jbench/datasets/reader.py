@@ -199,7 +199,8 @@ def _newest(results: Results, task: Task) -> Record:
     now = layout.code()
     changed = {record.id: changed_files(record.manifest.provenance, now) for record in plain}
     newest = max(plain, key=lambda record: (not changed[record.id], record.manifest.updated))
-    if files := changed[newest.id]:
+    files = changed[newest.id]
+    if files:
         raise ChangedCodeError(
             f"{since_recorded(newest, files)}; run {collect}, or take it by --dataset {newest.id}.",
             files,

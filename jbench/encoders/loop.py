@@ -74,14 +74,15 @@ class EncoderLearner:
         rows = 0
         batches = self._prepared()
         with ThreadPoolExecutor(1) as pool:  # it prepares the next batches while these are in use
-            following = pool.submit(next, batches, None)
-            while (prepared := following.result()) is not None:
+            prepared = pool.submit(next, batches, None).result()
+            while prepared is not None:
                 following = pool.submit(next, batches, None)
                 for batch in prepared.split(self.kind.batch):
                     loss = self.kind.gradient(self.weights, self.gradients, batch)
                     self._adam.step([self._gradient])
                     total += loss * len(batch.now)
                     rows += len(batch.now)
+                prepared = following.result()
 
         return float(total) / rows
 

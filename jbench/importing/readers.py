@@ -207,7 +207,8 @@ def read_evaluations(file: ImportedFile) -> pd.DataFrame:
             f"{file.path} is cut off, or not an evaluations.npz ({reason})."
         ) from None
 
-    if missing := [name for name in _ARRAYS if name not in arrays]:
+    missing = [name for name in _ARRAYS if name not in arrays]
+    if missing:
         raise RequestError(f"{file.path} is not of an EvalCallback: no {', '.join(missing)}.")
 
     steps, returns, lengths = map(_numbers_of_episodes, arrays.values())

@@ -226,8 +226,7 @@ class Recording:
 
         class RecordingCallback(BaseCallback):
             def _on_step(self) -> bool:
-                if losses := sb3.losses(self.model):
-                    recording.losses(**losses)
+                recording.losses(**sb3.losses(self.model))
                 recording.evaluate(self.model)
                 return True
 

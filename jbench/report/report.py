@@ -98,7 +98,8 @@ def _contents(frames: Frames) -> dict[str, bytes]:
         files[f"tables/{name}"] = text.encode()
 
     curves = pa.Table.from_pandas(frames.curves, preserve_index=False, nthreads=1)
-    pq.write_table(curves, sink := io.BytesIO(), compression="zstd")
+    sink = io.BytesIO()
+    pq.write_table(curves, sink, compression="zstd")
     files["tables/curves.parquet"] = sink.getvalue()
     return files
 

@@ -177,6 +177,7 @@ def _dash(before: int) -> Dash:
 def image(figure: Figure, ending: str) -> bytes:
     """Returns a figure as a png, svg or pdf file; the same figure gives the same bytes."""
     dates = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": None}
+    sink = io.BytesIO()
     with mpl.rc_context(PAPER):
-        figure.savefig(sink := io.BytesIO(), format=ending, dpi=200, metadata=dates[ending])
+        figure.savefig(sink, format=ending, dpi=200, metadata=dates[ending])
     return sink.getvalue()

@@ -174,8 +174,8 @@ def _with_policies(agents: pd.DataFrame, policies: pd.DataFrame) -> pd.DataFrame
 def _final_returns_caption(frames: Frames, agents: pd.DataFrame) -> str:
     """Returns what a reader of the final returns must know of them."""
     sentences = [_final(frames), INTERVAL]
-    if shared := frames.source.shared:
-        sentences.append(f"{shared}.")
+    if frames.source.shared:
+        sentences.append(f"{frames.source.shared}.")
     if len(frames.baselines):
         fewest = int(frames.baselines["episodes"].min())
         sentences.append(

@@ -165,9 +165,11 @@ def committed_steps(record: Record) -> int:
     They are those of its newest checkpoint. Without one they follow from the number of episodes,
     as if none had ended before its time limit.
     """
-    saved = [int(match[1]) for role in record.roles() if (match := CHECKPOINT.fullmatch(role))]
+    matches = filter(None, map(CHECKPOINT.fullmatch, record.roles()))
+    saved = [int(match[1]) for match in matches]
     if saved:
         return max(saved)
+
     made = record.rows("episodes") * recorded_episode_steps(record.settings)
     planned = record.settings.get("steps")
     return min(made, planned) if isinstance(planned, int) else made

@@ -51,5 +51,6 @@ def file_comparisons(name: str) -> list[PlannedComparison]:
 
 def check_comparisons(name: str) -> None:
     """Raises a RequestError if a matrix file lists a comparison that is invalid, or of no runs."""
-    if entries := read_entries(name):
+    entries = read_entries(name)
+    if entries:
         listed_comparisons(read_matrix(name), entries)

@@ -57,6 +57,9 @@ def decide(
 def _first_seeds(returns: Returns, most: int) -> FloatArray:
     """Returns the returns of the seeds 0, 1, … up to the first that is missing."""
     first: list[float] = []
-    while len(first) < most and (value := returns.get(len(first))) is not None:
+    for seed in range(most):
+        value = returns.get(seed)
+        if value is None:
+            break
         first.append(value)
     return np.array(first)

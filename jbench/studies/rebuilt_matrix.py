@@ -123,7 +123,8 @@ def _part(group: SameSettings, encoders: Recorded, datasets: Recorded) -> dict[s
     if run.encoder in encoders:
         settings = encoders[run.encoder]
         part["encoder"]["options"] = {settings["kind"]: settings["options"]}
-        if keys := _dataset_keys(run, settings, datasets):
+        keys = _dataset_keys(run, settings, datasets)
+        if keys:
             part["dataset"] = keys
 
     return part
@@ -216,7 +217,8 @@ def _shared(parts: Sequence[dict[str, Any]]) -> dict[str, Any]:
         ((algo, values),) = part["hyperparameters"].items()
         of_algorithms.setdefault(algo, []).append(values)
     for algo, tables in of_algorithms.items():
-        if same := _taken(tables):
+        same = _taken(tables)
+        if same:
             shared[f"hyperparameters.{algo}"] = same
 
     for part in parts:

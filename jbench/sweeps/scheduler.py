@@ -117,7 +117,8 @@ def sweep(
     try:
         failures = prepare(cells, results, device, report)
         cells = with_runs(cells, statuses.keys() - failures.keys())
-        if runs := all_runs(cells):
+        runs = all_runs(cells)
+        if runs:
             if isinstance(executor, Local):
                 for sentence in forecasts(cells, results, executor):
                     report(Note(sentence))
@@ -230,7 +231,8 @@ class _Scheduler:
         """Reports an event; tries runs of a dead worker again, and leaves those held elsewhere."""
         if isinstance(event, Future):
             self._futures.remove(event)
-            if died := event.result():
+            died = event.result()
+            if died:
                 self._try_again(died)
         elif isinstance(event, _Elsewhere):
             self._leave(event.runs)

@@ -1,7 +1,6 @@
 """Trains the runs of a batch, each from its last checkpoint."""
 
 import contextlib
-import math
 from collections.abc import Callable, Sequence
 from functools import cache, partial
 
@@ -110,8 +109,11 @@ def _train(
     until: int | None,
 ) -> None:
     """Trains members up to a control step (None: to the end), those at the same one together."""
-    end = until or math.inf
-    while due := [one for one in members if one.is_unfinished and one.control_steps < end]:
+    while True:
+        due = [member for member in members if member.is_due(until)]
+        if not due:
+            break
+
         # Seeds may have stopped at different steps: those furthest behind catch up first.
         behind = min(member.control_steps for member in due)
         ahead = [member.control_steps for member in due if member.control_steps > behind]

@@ -85,7 +85,8 @@ class Beginnings:
             return self._resume(run, encoder, source, refused)
 
         if record is not None or refused:
-            if reason := obstacle(run, finished=False):
+            reason = obstacle(run, finished=False)
+            if reason is not None:
                 refused.append(f"{reason[0].upper()}{reason[1:]}, so its runs can't be resumed.")
             continues = shorter[0].id if shorter and record is None else ""
             self._report(Resumed(run.id, 0, continues, " ".join(refused)))

@@ -244,7 +244,8 @@ class TrainingGroup:
         checkpoint = member.checkpoint
         if self._keep_state != "compact" or replay is None or checkpoint is None:
             return {}
-        if (reason := reason_for_whole_state(member.record)) is not None:
+        reason = reason_for_whole_state(member.record)
+        if reason is not None:
             what = f"The state of {member.settings.id} is kept with its replay buffer"
             self._report(Note(f"{what}: {reason}."))
             return {}

@@ -34,6 +34,11 @@ class Member:
         """Whether the run has neither finished nor failed."""
         return self.failure is None and self.record.status == "unfinished"
 
+    def is_due(self, until: int | None) -> bool:
+        """Returns whether the run is to be trained up to a control step, or to the end (None)."""
+        is_before = until is None or self.control_steps < until
+        return self.is_unfinished and is_before
+
     def fail(self, error: Exception) -> None:
         """Records an error that ended the training, as far as its record can be written.
 

@@ -88,7 +88,8 @@ def reevaluate(results: Results, record: Record, accept_changed: bool = False) -
     """
     settings = read_run(record.settings)
     rows = read_rows(record, "evaluation")
-    if (obstacle := _obstacle(record, settings, rows)) is not None:
+    obstacle = _obstacle(record, settings, rows)
+    if obstacle is not None:
         return obstacle
     assert not isinstance(settings, Unreadable)
 

@@ -19,11 +19,11 @@ def baseline_pairs(
     it.
     """
     named = {
-        (first.configuration, second.configuration)
+        (first.configuration, one.second[kind].configuration)
         for study in studies
         for one in study
         for kind, first in one.first.items()
-        if (second := one.second.get(kind)) is not None
+        if kind in one.second
     }
     for group in differing_in(configurations, "representation"):
         for ours in group:

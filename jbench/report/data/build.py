@@ -198,7 +198,8 @@ def _build(
         # Both kinds are of the same runs, on which only the first one has notes.
         notes = notes_on_runs(same, chosen, kind, source, words) if notes is None else []
         used = chosen[has_points]
-        if missing := len(chosen) - len(used):
+        missing = len(chosen) - len(used)
+        if missing:
             point = "evaluation" if kind == EVALUATION else "training episode"
             notes = [f"{missing} of {len(chosen)} seeds have no {point}", *notes]
 

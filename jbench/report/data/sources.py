@@ -213,7 +213,8 @@ def _filtered(runs: pd.DataFrame, request: Request, strict: bool) -> tuple[pd.Da
     since = request.begun_since()
     if since is not None:
         created = pd.to_datetime(runs["created"], utc=True, errors="coerce", format="ISO8601")
-        if earlier := int((~(created >= since)).sum()):
+        earlier = int((~(created >= since)).sum())
+        if earlier:
             left_out = f"begun before {request.since} {are(earlier)} left out."
             notes = [f"{counted(earlier, 'run')} {left_out}"]
             if strict and earlier == len(runs):

@@ -23,4 +23,5 @@ _MAKERS = (
 
 def charts(frames: Frames) -> list[Chart]:
     """Returns the figures that there are data for."""
-    return [chart for make in _MAKERS if (chart := make(frames)) is not None and chart.panels]
+    made = [make(frames) for make in _MAKERS]
+    return [chart for chart in made if chart is not None and chart.panels]

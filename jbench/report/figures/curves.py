@@ -255,7 +255,8 @@ def _draw_curves(
         line = curve[["steps", "median", "q10", "q90"]]
         marks.add_line(axes, line, _tips(str(name), curve), look, alpha)
         thin = {"alpha": 0.5, "linewidth": mpl.rcParams["lines.linewidth"] / 2} | look.ink
-        if (seeds := beside.seeds.get(tuple(curve[_CURVE].iloc[0]))) is not None:
+        seeds = beside.seeds.get(tuple(curve[_CURVE].iloc[0]))
+        if seeds is not None:
             for _, seed in seeds.groupby("run", sort=False):
                 axes.plot(seed["steps"], seed["value"], **thin)
 

@@ -169,7 +169,8 @@ def errors(frames: Frames) -> Chart | None:
 
 def _draw_errors(rows: pd.DataFrame, axes: Axes, *, looks: Looks) -> None:
     """Draws the unexplained variance of encoders, in rows or against the number of latents."""
-    if by_size := rows["by_size"].all():
+    by_size = rows["by_size"].all()
+    if by_size:
         rows = rows.sort_values("latents")
 
     places = dict(zip(rows["name"], range(len(rows)), strict=False))

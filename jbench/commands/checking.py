@@ -156,7 +156,8 @@ def _reevaluate_all(database: "Results", accept_changed: bool) -> list["Repeated
 def _reevaluate(database: "Results", record: "Record", accept_changed: bool) -> "Repeated":
     """Returns a repeated evaluation; if it differs, the reason names what changed meanwhile."""
     from jbench.store.provenance import describe_changes
-    from jbench.training.repeat import changes_since, reevaluate
+    from jbench.training.changes import changes_since
+    from jbench.training.repeat import reevaluate
     from jbench.training.repeated_rows import Repeated
 
     try:
@@ -196,13 +197,13 @@ def reproduce(
     os.environ.update(ONE_THREAD)  # as in training, before libraries are imported
     from jbench.store.code import have_changed
     from jbench.store.provenance import describe_changes
-    from jbench.training import repeat
+    from jbench.training import changes, repeat
 
     database, record = _recorded_run(run, results)
     if episodes is None:
         episodes = repeat.default_episodes(record)
 
-    code = repeat.changed_code(record, database, accept_changed_code)
+    code = changes.changed_code(record, database, accept_changed_code)
     evaluation = None
     if record.is_finished:
         evaluation = repeat.reevaluate(database, record, accept_changed_code)
@@ -215,7 +216,7 @@ def reproduce(
         with output.progress(f"reproduce {record.id}", total, "control steps") as progress:
             retraining = repeat.retrain(database, record, episodes, progress, accept_changed_code)
 
-    changed = repeat.changes_since(record)
+    changed = changes.changes_since(record)
     unfinished = f"not repeated; the run is {record.status}."
     output.say(f"run {record.id}\n  evaluation: {_sentence(evaluation) or unfinished}")
     output.say(f"  training: {_sentence(retraining) or 'not repeated.'}")

@@ -6,14 +6,11 @@ from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from pathlib import Path
 from statistics import fmean
-from typing import Any
 
 import numpy as np
 
-from jbench.agents.find import algorithm_provenance
 from jbench.cores import one_thread
-from jbench.devices import find_device
-from jbench.errors import RequestError, WorkError
+from jbench.errors import RequestError
 from jbench.policies.saved import TrainedAgent, load_agent
 from jbench.settings.engines import ENGINES
 from jbench.settings.recorded import Run, Unreadable, read_run
@@ -22,17 +19,14 @@ from jbench.settings.run import RunSettings
 from jbench.store import Record, Results, schema, weights
 from jbench.store.code import (
     ChangedCodeError,
-    Code,
-    changed_since,
-    check_code,
     code_hash,
     have_changed,
 )
-from jbench.store.provenance import device_provenance, differences, last_changes, process_provenance
 from jbench.store.rows import has_policy
 from jbench.tasks.task import Act
 from jbench.training.batched_run import run_batch
-from jbench.training.code import acting_code, run_code
+from jbench.training.changes import changed_code, device_here, is_installed, recorded_device
+from jbench.training.code import run_code
 from jbench.training.engines import acting_as_evaluated
 from jbench.training.evaluation import derive_seeds, evaluate_policies
 from jbench.training.events import EpisodeEnded, Event
@@ -45,38 +39,6 @@ from jbench.training.repeated_rows import (
     read_rows,
     without_early_final,
 )
-
-
-def changed_code(record: Record, results: Results, accept_changed: bool) -> list[str]:
-    """Returns what has changed of the users' code of a run; a ChangedCodeError unless accepted."""
-    settings = read_run(record.settings)
-    if isinstance(settings, Unreadable):
-        return []
-    now = _code_at_hand(settings, results)
-    if not accept_changed:
-        check_code(record, now)
-    return changed_since(record, now)
-
-
-def _code_at_hand(settings: RunSettings | ExternalSettings, results: Results) -> Code:
-    """Returns provenance of the users' code of a run, without an algorithm that is not installed.
-
-    Its saved policy acts without the code that has trained it.
-    """
-    if _is_installed(settings):
-        return run_code(settings, results)
-    return acting_code(settings, results)
-
-
-def _is_installed(settings: RunSettings | ExternalSettings) -> bool:
-    """Returns whether the algorithm of a run is at hand, if it is needed: not that of a loop."""
-    if isinstance(settings, ExternalSettings):
-        return True
-    try:
-        algorithm_provenance(settings.algo)
-    except (RequestError, WorkError):
-        return False
-    return True
 
 
 def reevaluate(results: Results, record: Record, accept_changed: bool = False) -> Repeated:
@@ -101,7 +63,7 @@ def reevaluate(results: Results, record: Record, accept_changed: bool = False) -
         if changed and isinstance(settings, RunSettings):
             settings = settings.model_copy(update={"accepted": "repeated"})
         agent = load_agent(results, record.id, accept_changed)
-        device = _device(record, at_end=True)
+        device = device_here(record, at_end=True)
         with one_thread(), _acting(settings, agent, control_steps, device) as act:
             (evaluation,) = evaluate_policies(
                 settings,
@@ -123,15 +85,17 @@ def reevaluate(results: Results, record: Record, accept_changed: bool = False) -
         for episode, episode_return in enumerate(evaluation.returns.tolist())
     }
     repeated = compared(record, control_steps, recorded, computed, "evaluation")
-    if repeated.verdict == "different" and not _is_installed(settings):
-        means = fmean(repeated.computed), fmean(repeated.recorded)
+    if repeated.verdict == "different" and not is_installed(settings):
+        here = fmean(repeated.computed)
+        before = fmean(repeated.recorded)
         return _not_comparable(
             record,
             f"Without {settings.algo}, which is not installed, its saved layers act with other "
-            f"rounding: their mean return is {means[0]:.4g} here, and {means[1]:.4g} was recorded.",
+            f"rounding: their mean return is {here:.4g} here, and {before:.4g} was recorded.",
         )
     if not changed:
         return repeated
+
     reason = f"With changed code ({have_changed(changed)}). {repeated.reason}".rstrip()
     return repeated._replace(reason=reason)
 
@@ -143,7 +107,7 @@ def _acting(
 
     If the algorithm is not installed, the saved layers act.
     """
-    if _is_installed(settings):
+    if is_installed(settings):
         return acting_as_evaluated(settings, agent, control_steps, device)
     return nullcontext(agent.act)
 
@@ -224,7 +188,7 @@ def _train_again(
             [settings],
             temporary,
             encoders=results,
-            device=_device(record),
+            device=device_here(record),
             until=until if until < settings.steps else None,
             final_episodes=evaluations.count(max(evaluations)) if evaluations else None,
             report=partial(_show_episode, progress),
@@ -251,26 +215,6 @@ def default_episodes(record: Record) -> int:
     return int(updated[0]) + 1 if len(updated) else 1
 
 
-def changes_since(record: Record) -> dict[str, list[Any]]:
-    """Returns what may round numbers differently: its values when the run began, and now."""
-    now = {**process_provenance(), **device_provenance(find_device(_device(record)))}
-    return differences(record.manifest.provenance, now)
-
-
-def _device(record: Record, at_end: bool = False) -> str:
-    """Returns the device on which a run began or ended, if it exists here; otherwise `cpu`."""
-    on_gpu = _recorded_device(record, at_end) == "cuda"
-    return find_device("auto" if on_gpu else "cpu").type
-
-
-def _recorded_device(record: Record, at_end: bool) -> str:
-    """Returns the device that a run had at its beginning, or at its end."""
-    entries = {**record.manifest.provenance}
-    if at_end:
-        entries |= last_changes(entries)
-    return str(entries.get("device", "cpu"))
-
-
 def _obstacle(record: Record, settings: Run, rows: Rows) -> Repeated | None:
     """Returns why the kept policy can't be compared with the evaluations; None if it can."""
     if not has_policy(record):
@@ -279,7 +223,7 @@ def _obstacle(record: Record, settings: Run, rows: Rows) -> Repeated | None:
         return _not_comparable(record, "Another program or version wrote its settings.")
     if not rows:
         return _not_comparable(record, "It has no evaluation.")
-    if _recorded_device(record, at_end=True) != _device(record, at_end=True):
+    if recorded_device(record, at_end=True) != device_here(record, at_end=True):
         return _not_comparable(record, "A GPU evaluated it, and this machine has none.")
     if not ENGINES[settings.engine].copies_round_alike:
         return _not_comparable(

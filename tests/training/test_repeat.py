@@ -11,14 +11,9 @@ from jbench.policies.network import DESCRIPTION, WEIGHTS
 from jbench.store import Results
 from jbench.store.shipped import shipped_results
 from jbench.training.batched_run import run_batch
+from jbench.training.changes import changes_since
 from jbench.training.log import POLICY_EVALUATION, RunLog
-from jbench.training.repeat import (
-    changes_since,
-    default_episodes,
-    reevaluate,
-    retrain,
-    steps_to_repeat,
-)
+from jbench.training.repeat import default_episodes, reevaluate, retrain, steps_to_repeat
 from tests.demo_results import ENCODER
 from tests.short_episodes import EPISODE
 from tests.training.small_runs import small_run

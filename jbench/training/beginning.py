@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import pyarrow as pa
 from torch import Tensor
 
 from jbench.encoders import Encoder
@@ -15,13 +14,13 @@ from jbench.store.code import code_of
 from jbench.store.files import UnreadableError
 from jbench.store.provenance import describe_changes, process_provenance
 from jbench.store.weights import check_encoder, encoder_weights
-from jbench.training.checkpoints import Checkpoint, copied, load
+from jbench.training.checkpoints import Checkpoint, CopiedState, copied, load
 from jbench.training.code import check_run_code
 from jbench.training.continuation import kept_runs, obstacle
 from jbench.training.events import Report, Resumed
 from jbench.training.log import RunLog
 from jbench.training.member import Member
-from jbench.training.recomputed import RecomputedRows, noted
+from jbench.training.recomputed import RecomputedRows, recomputed_note
 
 
 @dataclass(frozen=True)
@@ -32,15 +31,14 @@ class _Source:
         record: of the run whose checkpoint it is.
         log: of the run at the checkpoint; None if it is another run's record.
         rows: of its replay buffer, if they had to be computed again.
-        copy: tables and checkpoint files for the record of another run; None if it is the run's
-            own record.
+        copy: what the record of another run gets of it; None if it is the run's own record.
     """
 
     record: Record
     log: RunLog | None
     checkpoint: Checkpoint
     rows: Tensor | None
-    copy: tuple[dict[str, pa.Table], dict[str, bytes]] | None
+    copy: CopiedState | None
 
 
 class Beginnings:
@@ -138,12 +136,12 @@ class Beginnings:
             # The rows were made there and then, but by another command.
             before = {**record.manifest.provenance, "command": process_provenance()["command"]}
             record = self._results.create("run", run.id, run.values, before)
-            record.append(*source.copy)
+            record.append(source.copy.tables, source.copy.files)
 
         log = source.log or RunLog(record, position)
         if run.accepted is not None:
             where["code"] = code_of(self._made_on)
-        changed = record.resume({**where, **noted(source.rows)}, self._made_on)
+        changed = record.resume({**where, **recomputed_note(source.rows)}, self._made_on)
 
         sentences = list(refused)
         if changed:

@@ -7,6 +7,7 @@ versions refuse by its format.
 """
 
 import json
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import pyarrow as pa
@@ -65,24 +66,31 @@ class Checkpoint(NamedTuple):
         position: where the run is.
         state: of agent and robots.
         replay_row: number after the last row in the replay buffer; 0 without one.
-        newest: whether no newer checkpoint of the record is damaged.
+        is_newest: whether no newer checkpoint of the record is damaged.
         compact: a replay buffer without rows to read, since they are computed again.
     """
 
     position: Position
     state: SeedState
     replay_row: int
-    newest: bool
+    is_newest: bool
     compact: CompactReplay | None = None
 
 
+class CopiedState(NamedTuple):
+    """Rows of a finished run by table, and checkpoint files by role, for the record of another."""
+
+    tables: Mapping[str, pa.Table]
+    files: Mapping[str, bytes]
+
+
 def save(
-    record: Record, log: RunLog, trainer: Trainer, index: int, *, only: bool = False
+    record: Record, log: RunLog, trainer: Trainer, index: int, *, drop_others: bool = False
 ) -> Checkpoint | None:
     """Commits the pending rows of a run and a checkpoint atomically.
 
     The run has an index in its trainer, which is between two control steps; a trainer without a
-    state has no checkpoint. If `only`, all existing checkpoints are dropped.
+    state has no checkpoint. Of the existing checkpoints, one is kept, or none if `drop_others`.
     """
     state = trainer.state(index)
     if state is None:
@@ -91,16 +99,16 @@ def save(
 
     roles = record.roles()
     states = [role for role in roles if CHECKPOINT.fullmatch(role)]
-    ended = set(states[:-1])  # two are kept
-    if only:
+    ended = set(states[:-1])
+    if drop_others:
         ended = set(roles)
 
     files: dict[str, bytes] = {}
-    row = 0
+    replay_row = 0
     replay = trainer.replay
     if replay is not None:
-        row = replay.row
-        if only:
+        replay_row = replay.row
+        if drop_others:
             piece = first_piece(replay, index)
         else:
             piece = next_piece(replay, index, roles)
@@ -109,7 +117,7 @@ def save(
         ended |= set(piece.ended)
 
     position = log.position(trainer.control_steps)
-    checkpoint = Checkpoint(position, state, row, newest=True)
+    checkpoint = Checkpoint(position, state, replay_row, is_newest=True)
     log.commit(files | _state_file(checkpoint, record.id), ended)
     return checkpoint
 
@@ -129,8 +137,8 @@ def compact_files(
 
 def copied(
     checkpoint: Checkpoint, record: Record, longer: str, replay: Tensor | None = None
-) -> tuple[dict[str, pa.Table], dict[str, bytes]]:
-    """Returns rows by table and checkpoint files by role of a finished run, for a longer one.
+) -> CopiedState:
+    """Returns the rows and the state of a finished run at a checkpoint, for a longer run.
 
     The checkpoint is from `load`, and `replay` are the rows of a compact one, computed again. The
     last evaluation of a finished run may have more episodes than the others. Raises an
@@ -150,10 +158,11 @@ def copied(
         piece = Piece(checkpoint.replay_row - replay.shape[1], checkpoint.replay_row)
         files |= piece_file(piece, replay)
 
-    return tables, files | _state_file(checkpoint._replace(compact=None), longer)
+    files |= _state_file(checkpoint._replace(compact=None), longer)
+    return CopiedState(tables, files)
 
 
-def newest(record: Record) -> set[str]:
+def newest_roles(record: Record) -> set[str]:
     """Returns the roles of a run's newest checkpoint and of its replay buffer."""
     states = [role for role in record.roles() if CHECKPOINT.fullmatch(role)]
     return {*states[-1:], *(piece.role for piece in pieces_among(record.roles()))}

@@ -120,7 +120,7 @@ def can_share(one: CompactReplay, other: CompactReplay) -> bool:
     return (one.header.episodes, one.header.row) == (other.header.episodes, other.header.row)
 
 
-def other_rows(record: Record) -> OtherRowsError:
+def other_rows_error(record: Record) -> OtherRowsError:
     """Returns the error of a run whose replay buffer is another one when it is computed again."""
     made = record.manifest.provenance
     changed = differences(made, process_provenance())

@@ -1,7 +1,8 @@
 """Trains runs in one engine, and commits their rows and checkpoints."""
 
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Sequence
+from contextlib import ExitStack
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from jbench.settings.engines import ENGINES
 from jbench.tasks.worlds import EpisodeError
 from jbench.timing import part
 from jbench.training import evaluation
-from jbench.training.checkpoints import compact_files, newest, save
+from jbench.training.checkpoints import compact_files, newest_roles, save
 from jbench.training.compact import reason_for_whole_state
 from jbench.training.engines import make_trainer
 from jbench.training.events import EpisodeEnded, Note, Report
@@ -87,7 +88,7 @@ class TrainingGroup:
         active = self._active()
         if not active:
             return False
-        if active[0][1].log.is_evaluation_due(self._settings.evaluate_every, steps):
+        if active[0].member.log.is_evaluation_due(self._settings.evaluate_every, steps):
             self._evaluate()
         if steps == self._until:
             return False
@@ -99,8 +100,9 @@ class TrainingGroup:
     def _restore(self) -> None:
         """Continues all members from their checkpoints, which are at the same control step."""
         checkpoints = [m.checkpoint for m in self._members if m.checkpoint is not None]
-        for index, (member, checkpoint) in enumerate(zip(self._members, checkpoints, strict=True)):
-            replay = self._engine.replay
+        pairs = [*zip(self._members, checkpoints, strict=True)]
+        replay = self._engine.replay
+        for index, (member, checkpoint) in enumerate(pairs):
             if replay is not None:
                 row = checkpoint.replay_row
                 replay.restore(index, stored_rows(member.record, row), row)
@@ -111,10 +113,10 @@ class TrainingGroup:
         position = checkpoints[0].position
         if position.last_evaluation == position.control_steps:
             self._note_policies()
-        for index, checkpoint in enumerate(checkpoints):
-            if not checkpoint.newest:
-                with _failing_alone(self._members[index]):
-                    self._save_one(index, only=True)
+        for index, (member, checkpoint) in enumerate(pairs):
+            if not checkpoint.is_newest:
+                with member.failing_alone():
+                    self._save_one(index, drop_others=True)
 
     def _note_truncated(self, ends: Ends) -> None:
         """Records the episodes that were truncated, since they could not be repeated."""
@@ -124,7 +126,7 @@ class TrainingGroup:
             count = int(ends.ended[index].sum())
             if count:
                 truncated = {"control_steps": control_steps, "episodes": count}
-                with _failing_alone(member):
+                with member.failing_alone():
                     member.record.note({"truncated": truncated})
                 sentence = (
                     f"The run {member.settings.id}: {counted(count, 'episode')} did not repeat "
@@ -176,7 +178,7 @@ class TrainingGroup:
         """Returns an evaluation of each policy of the engine, also of those that have failed."""
         settings = self._settings
         engine = self._engine
-        (_, first), *_ = self._active()
+        first = self._active()[0].member  # all have as many evaluations
         is_final = engine.has_made(settings.steps)
         return evaluation.evaluate_policies(
             settings,
@@ -200,15 +202,15 @@ class TrainingGroup:
         with part("checkpoints"), self._commit_timer.committing():
             self._share_processor_time()
             for index, member in self._active():
-                with _failing_alone(member):
+                with member.failing_alone():
                     self._save_one(index)
 
-    def _save_one(self, index: int, *, only: bool = False) -> None:
+    def _save_one(self, index: int, *, drop_others: bool = False) -> None:
         """Commits the rows and a checkpoint of one run; see `save`."""
         member = self._members[index]
         engine = self._engine
         member.control_steps = engine.control_steps
-        member.checkpoint = save(member.record, member.log, engine, index, only=only)
+        member.checkpoint = save(member.record, member.log, engine, index, drop_others=drop_others)
 
     def _end(self) -> None:
         """Evaluates the last policies, unless they were, and finishes all active members."""
@@ -219,7 +221,7 @@ class TrainingGroup:
 
         self._share_processor_time()
         for index, member in self._active():
-            with _failing_alone(member):
+            with member.failing_alone():
                 member.log.commit()
                 self._finish(index, member)
 
@@ -234,7 +236,7 @@ class TrainingGroup:
         member.record.finish(
             {**summary, "together": self._sharing},
             {} if policy is None else policy.files(),
-            keep=newest(member.record) if whole else (),
+            keep=newest_roles(member.record) if whole else (),
             checkpoints=compact,
         )
 
@@ -274,7 +276,7 @@ class TrainingGroup:
             sentence = f"{str(error).rstrip('.')}; the run had made {made}."
             failure = WorkError(sentence)
 
-        with _failing_alone(member):
+        with member.failing_alone():
             member.log.commit()
             member.record.fail(str(failure), error.summary)
             member.failure = failure
@@ -283,15 +285,14 @@ class TrainingGroup:
         """Divides the processor time since the last call among the runs that go on."""
         self._processor_clock.share([member.log for _, member in self._active()])
 
-    def _active(self) -> list[tuple[int, Member]]:
-        """Returns the runs that have not failed, each with its index in the engine."""
-        return [(i, member) for i, member in enumerate(self._members) if member.failure is None]
+    def _active(self) -> list["_Active"]:
+        """Returns the runs that have not failed."""
+        members = enumerate(self._members)
+        return [_Active(place, member) for place, member in members if member.failure is None]
 
 
-@contextmanager
-def _failing_alone(member: Member) -> Iterator[None]:
-    """Fails a run whose record can't be written, such as one that was removed; others go on."""
-    try:
-        yield
-    except WorkError as error:
-        member.fail(error)
+class _Active(NamedTuple):
+    """A run that has not failed, and its place in the engine."""
+
+    place: int
+    member: Member

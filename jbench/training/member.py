@@ -1,6 +1,7 @@
 """A run of a batch while it is trained."""
 
 import contextlib
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from jbench.encoders import Encoder
@@ -38,6 +39,17 @@ class Member:
         """Returns whether the run is to be trained up to a control step, or to the end (None)."""
         is_before = until is None or self.control_steps < until
         return self.is_unfinished and is_before
+
+    @contextlib.contextmanager
+    def failing_alone(self) -> Iterator[None]:
+        """Fails the run if its record can't be written, such as one that was removed.
+
+        The other runs of the batch go on.
+        """
+        try:
+            yield
+        except WorkError as error:
+            self.fail(error)
 
     def fail(self, error: Exception) -> None:
         """Records an error that ended the training, as far as its record can be written.

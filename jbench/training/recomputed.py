@@ -15,7 +15,7 @@ from jbench.training.compact import (
     CompactReplay,
     can_share,
     computed_again,
-    other_rows,
+    other_rows_error,
 )
 from jbench.training.continuation import kept_runs
 from jbench.training.events import Note, Report
@@ -63,7 +63,7 @@ class RecomputedRows:
             self._compute(run, [_Kept(source, replay), *self._others(source, replay)])
         rows = self._rows.pop(source.id)
         if rows is None:
-            raise other_rows(source)
+            raise other_rows_error(source)
         return rows
 
     def _others(self, source: Record, replay: CompactReplay) -> Iterator[_Kept]:
@@ -98,7 +98,7 @@ class RecomputedRows:
         self._rows |= dict(zip(ids, rows, strict=True))
 
 
-def noted(rows: Tensor | None) -> dict[str, int]:
+def recomputed_note(rows: Tensor | None) -> dict[str, int]:
     """Returns what a record notes of rows that were computed again, where it is continued."""
     if rows is None:
         return {}

@@ -140,7 +140,7 @@ def test_newest_two_checkpoints_are_kept_with_their_rows(stopped):
     assert sum(role.startswith("checkpoint-") for role in record.roles()) == 2
     checkpoint, refused = load(record)
     assert refused == []
-    assert checkpoint.newest
+    assert checkpoint.is_newest
     position = checkpoint.position
     # One evaluation at 150; that at 300 is still due.
     assert (position.control_steps, position.episodes) == (250, 5)

@@ -1,7 +1,7 @@
 """Turns a user's request into settings of runs."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from jbench import names
 from jbench.agents.algorithms import algorithm_fields, hyperparameters
@@ -54,44 +54,76 @@ def request_runs(
     agent could have, a setting is invalid, or the steps are not enough for an episode or can't be
     divided among the robots.
     """
-    algorithm_changes: dict[str, Any] = {}
-    feature_changes: dict[str, Any] = {}
+    of_algorithm: dict[str, Any] = {}
+    of_features: dict[str, Any] = {}
     for name, value in overrides.items():
         if name.startswith(_PREFIX):
-            feature_changes[name.removeprefix(_PREFIX)] = value
+            of_features[name.removeprefix(_PREFIX)] = value
         else:
-            algorithm_changes[name] = value
+            of_algorithm[name] = value
 
-    encoders: Mapping[int, str] | None = None
-    ofe = requested_ofe(encoder, feature_changes)
-    fields["ofe"] = ofe
-    if ofe is not None:
-        fields["representation"] = ofe.representation
-    elif feature_changes:
+    ofe = requested_ofe(encoder, of_features)
+    if of_features and ofe is None:
         raise RequestError("--set ofe.NAME is for --encoder ofeN, such as ofe12; leave it out.")
-    elif encoder not in NO_ENCODER:
-        encoder_id = find_encoder(results, encoder, task, accept_changed)
-        fields["encoder"] = encoder_id
-        fields["representation"] = read_representation(results, encoder_id, accept_changed)
-        if encoder_seeds == "each":
-            draws = find_draws(results, encoder, task, seeds, accept_changed)
-            fields["encoder_draws"] = draws.hash
-            encoders = draws.ids
 
-    if encoder_seeds == "each" and encoders is None:
+    encoding = _Encoding({})
+    if ofe is not None:
+        encoding = _Encoding({"representation": ofe.representation})
+    elif encoder not in NO_ENCODER:
+        encoding = _encoding(results, encoder, task, seeds, encoder_seeds, accept_changed)
+    if encoder_seeds == "each" and encoding.ids is None:
         raise RequestError(
             f"--encoder-seeds each is for agents with an encoder, not for --encoder {encoder}: "
             "leave it out."
         )
 
-    fields["time_limit"] = fields.get("time_limit") or default_time_limit(base)
-    algorithm = algorithm_fields(algo, engine, base, algorithm_changes, task)
-    fields["specs"] = find_task(task).specs
-    runs = make_runs(seeds, encoders, task=task, **algorithm, **fields)
+    fields |= {
+        **algorithm_fields(algo, engine, base, of_algorithm, task),
+        **encoding.fields,
+        "task": task,
+        "specs": find_task(task).specs,
+        "ofe": ofe,
+        "time_limit": fields.get("time_limit") or default_time_limit(base),
+    }
+    runs = make_runs(seeds, encoding.ids, **fields)
     first = runs[0]
     if first.encoder is not None and first.algorithm.is_mirrored:
         input_mirror(task, load_encoder(results, first.encoder, accept_changed).encoder)
     return runs
+
+
+class _Encoding(NamedTuple):
+    """What the representation of a request adds to its runs.
+
+    Attributes:
+        fields: of `RunSettings`.
+        ids: of the encoder of each seed, if each has one of its own.
+    """
+
+    fields: Mapping[str, Any]
+    ids: Mapping[int, str] | None = None
+
+
+def _encoding(
+    results: Results,
+    encoder: str,
+    task: str,
+    seeds: Sequence[int],
+    encoder_seeds: names.EncoderSeeds,
+    accept_changed: bool,
+) -> _Encoding:
+    """Returns what an encoder adds to runs; raises as `find_encoder` and `find_draws`."""
+    id = find_encoder(results, encoder, task, accept_changed)
+    fields: dict[str, Any] = {
+        "encoder": id,
+        "representation": read_representation(results, id, accept_changed),
+    }
+    if encoder_seeds != "each":
+        return _Encoding(fields)
+
+    draws = find_draws(results, encoder, task, seeds, accept_changed)
+    fields["encoder_draws"] = draws.hash
+    return _Encoding(fields, draws.ids)
 
 
 def make_runs(
@@ -116,26 +148,29 @@ def make_runs(
             fields["encoder"] = encoders[seed]
         runs.append(validated(RunSettings, "the run", **fields))
 
-    count = runs[0].environments
-    steps = runs[0].steps
-    length = runs[0].episode_steps
-    min_steps = length * count
-    if steps < min_steps:
-        needed = f"{length}"
-        if count > 1:
-            needed += f" in each of {count} environments"
-
-        verb = "would end"
-        if find_task(runs[0].task).ends_early:
-            verb = "is sure to end"
-
-        raise RequestError(
-            f"No episode of {runs[0].algo} {verb} in {steps} control steps: it takes "
-            f"{needed}; type {min_steps} or more."
-        )
-
+    _check_steps(runs[0])
     _check_agent(runs[0])
     return runs
+
+
+def _check_steps(run: RunSettings) -> None:
+    """Raises a RequestError if a run is too short for an episode in each of its environments."""
+    min_steps = run.episode_steps * run.environments
+    if run.steps >= min_steps:
+        return
+
+    needed = f"{run.episode_steps}"
+    if run.environments > 1:
+        needed += f" in each of {run.environments} environments"
+
+    verb = "would end"
+    if find_task(run.task).ends_early:
+        verb = "is sure to end"
+
+    raise RequestError(
+        f"No episode of {run.algo} {verb} in {run.steps} control steps: it takes {needed}; type "
+        f"{min_steps} or more."
+    )
 
 
 def _check_agent(run: RunSettings) -> None:

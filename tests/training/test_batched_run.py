@@ -58,7 +58,7 @@ def test_run_in_batch_equals_run_alone(algo, changes, tmp_path, monkeypatch):
         monkeypatch.setattr(batched_run, "load_run_encoder", lambda id, *_: encoders[id])
     together, alone = Results(tmp_path / "together"), Results(tmp_path / "alone")
     about = {0: changes, 3: {**changes, "encoder": OTHER} if changes else {}}
-    runs = [settings(algo, seed, steps=4 * EPISODE, **about[seed]) for seed in about]
+    runs = [settings(algo, seed, **about[seed]) for seed in about]
     assert run_batch(runs, together) == {}
     assert run_batch(runs[1:], alone) == {}
     found = [results.find("run", runs[1].id) for results in (together, alone)]
@@ -108,7 +108,8 @@ def test_rows_are_written_at_scheduled_steps(tmp_path):
 
 def test_runs_stop_at_given_step_or_stay_after_it(tmp_path):
     results = Results(tmp_path)
-    ahead, behind = (settings("ddpg", seed, steps=4 * EPISODE) for seed in range(2))
+    about = {"steps": 4 * EPISODE, "evaluate_episodes": 0}
+    ahead, behind = (settings("ddpg", seed, **about) for seed in range(2))
 
     def train_until(episodes, *runs):
         assert run_batch(runs, results, until=episodes * EPISODE) == {}
@@ -185,14 +186,14 @@ def test_parallel_environments_share_steps_and_updates(tmp_path):
 
 
 def test_paths_are_of_own_episodes_of_each_seed(tmp_path):
-    results, runs = Results(tmp_path), [settings(seed=seed, steps=150) for seed in (0, 3)]
+    results, runs = Results(tmp_path), [settings(seed=seed) for seed in (0, 3)]
     run_batch(runs, results)
     for run in runs:
         record, agent = results.find("run", run.id), load_agent(results, run.id)
         found = record.read("paths").to_pandas()
-        assert paths(record) == {(0, 50): 3, (2, 150): 3}
-        (made,) = evaluate_policies(run, [derive_seeds(run.seed).evaluations], 2, agent.act)
-        last = found[found["evaluation"] == 2]
+        assert paths(record) == {(0, 50): 3, (1, 100): 3}
+        (made,) = evaluate_policies(run, [derive_seeds(run.seed).evaluations], 1, agent.act)
+        last = found[found["evaluation"] == 1]
         # The engine rounds differently from the single policy.
         np.testing.assert_allclose(last[["x", "y", "heading"]], made.path.points, atol=1e-4)
         assert np.abs(last[["x", "y"]].to_numpy()).max() > 1e-4

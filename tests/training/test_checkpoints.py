@@ -31,7 +31,7 @@ class Stopped(BaseException):
 
 pytestmark = pytest.mark.usefixtures("short_episodes")
 
-do = functools.partial(train_batch, checkpoint_every=0)
+do = functools.partial(train_batch, checkpoint_every=0, final_episodes=1)
 
 UNREADABLE = "can't be read (Input/output error)"
 

@@ -12,6 +12,7 @@ from jbench.errors import RequestError
 from jbench.store import Results
 from jbench.store.merge import merge
 from jbench.store.verify import verify
+from jbench.task_specs import EPISODE_STEPS
 from jbench.training import checkpoints
 from jbench.training.batched_run import run_batch
 from jbench.training.checkpoints import load
@@ -29,7 +30,9 @@ from tests.training.test_ending_runs import DRIFTS, falling
 from tests.training.test_resume import settings
 from tests.training.test_suite_runs import settings as suite_settings
 
-SHORT, LONG = 150, 250
+pytestmark = pytest.mark.usefixtures("short_episodes")
+
+SHORT, LONG = 150, 210
 
 train = functools.partial(train_batch, keep_state="compact", final_episodes=1)
 
@@ -38,17 +41,11 @@ train = functools.partial(train_batch, keep_state="compact", final_episodes=1)
 def mirroring(tmp_path_factory):
     """A results directory with a planar-mirror encoder of random states, and the encoder's id."""
     results = Results(tmp_path_factory.mktemp("mirroring") / "results")
-    dataset = make_dataset(results)
-    kind = encoder_settings("planar-mirror", {}, dataset=dataset.id, latents=12)
-    with short_encoder_evaluation():
+    with short_episodes(EPISODE_STEPS), short_encoder_evaluation():
+        dataset = make_dataset(results)
+        kind = encoder_settings("planar-mirror", {}, dataset=dataset.id, latents=12)
         train_encoder(kind, States(dataset, "face_direction", 0), results)
     return results, kind.id
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _short_episodes(mirroring):
-    with short_episodes():
-        yield
 
 
 def jitterbug(steps, algo="td3", seed=1, **changes):
@@ -165,7 +162,7 @@ def test_seeds_of_a_batch_are_computed_together(tmp_path):
 
 
 def test_state_that_was_merged_into_fresh_results_is_continued_there(tmp_path):
-    short, whole = jitterbug(SHORT, "ddpg"), jitterbug(LONG, "ddpg")
+    short, whole = (jitterbug(steps, "ddpg", evaluate_episodes=0) for steps in (60, 90))
     train(tmp_path / "there", [short])
     (merged,) = merge(Results(tmp_path / "here"), [Results(tmp_path / "there")])
     assert merged.outcome == "copied"
@@ -178,16 +175,16 @@ def test_state_that_was_merged_into_fresh_results_is_continued_there(tmp_path):
 def test_state_has_a_number_for_each_action(tmp_path):
     """The rest is that of a run without a buffer, and 72 bytes would be a row's."""
     sizes = []
-    for steps in (120, 720):  # whole rollouts
+    for steps in (120, 420):  # whole rollouts
         run = jitterbug(steps, evaluate_episodes=0)
         train(tmp_path, [run])
         record = Results(tmp_path).find("run", run.id)
         (role,) = record.roles()
         sizes.append(len(record.read_file(role)))
-    assert abs(sizes[1] - sizes[0] - 4 * 600) < 100
+    assert abs(sizes[1] - sizes[0] - 4 * 300) < 100
 
 
-@pytest.mark.parametrize("what", ["action", "checksum"])
+@pytest.mark.parametrize("what", ["action", pytest.param("checksum", marks=pytest.mark.slow)])
 def test_altered_state_is_refused_and_nothing_is_lost(what, tmp_path):
     short, whole = jitterbug(60), jitterbug(90)
     train(tmp_path, [short])

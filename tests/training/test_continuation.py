@@ -61,20 +61,25 @@ def test_run_recorded_with_older_default_evaluations_is_found_by_the_same_comman
         pytest.param("sac", 250, {}, marks=pytest.mark.slow),
         # The shorter run ends with a rollout of 2 x 24 steps, at step 336.
         pytest.param("ppo", 300, {}, marks=pytest.mark.slow),
-        ("td3", 200, {"parallel": 2, "evaluate_episodes": 0}),
+        # `test_compact_states.py` has a faster test of several environments.
+        pytest.param(
+            "td3", 200, {"parallel": 2, "evaluate_episodes": 0}, marks=pytest.mark.slow
+        ),
     ],
 )
 def test_continued_run_equals_run_trained_at_once(algo, short, changes, tmp_path):
     first, whole = lengths(algo, short, LONG, **changes)
-    train(tmp_path / "once", [whole], keep_state="no")
-    train(tmp_path / "twice", [first])
+    # Each last evaluation is longer than the others, so that the shorter run's may be shortened.
+    last = {"final_episodes": 2}
+    train(tmp_path / "once", [whole], keep_state="no", **last)
+    train(tmp_path / "twice", [first], **last)
     before = outcome(tmp_path / "twice", first)
-    ((_, steps, sentence, continues),) = train(tmp_path / "twice", [whole])
+    ((_, steps, sentence, continues),) = train(tmp_path / "twice", [whole], **last)
     assert short <= steps < LONG
     assert (sentence, continues) == ("", first.id)
     assert outcome(tmp_path / "twice", whole) == outcome(tmp_path / "once", whole)
     # The shorter run is unchanged, and equals one without a kept state.
-    train(tmp_path / "once", [first], keep_state="no")
+    train(tmp_path / "once", [first], keep_state="no", **last)
     assert outcome(tmp_path / "twice", first) == before == outcome(tmp_path / "once", first)
     assert verify(Results(tmp_path / "twice"), 1).findings == []
 
@@ -115,7 +120,7 @@ def test_run_continues_longest_intact_state_with_same_settings(tmp_path):
 
 
 def test_run_begins_if_only_state_is_damaged(tmp_path):
-    short, whole = lengths("ppo", 100, 200)
+    short, whole = lengths("ppo", 100, 200, evaluate_episodes=0)
     train(tmp_path / "twice", [short])
     record = Results(tmp_path / "twice").find("run", short.id)
     find_file(record, "checkpoint-", -1).write_bytes(b"other")
@@ -126,9 +131,9 @@ def test_run_begins_if_only_state_is_damaged(tmp_path):
     assert outcome(tmp_path / "twice", whole) == outcome(tmp_path / "once", whole)
 
 
-@pytest.mark.parametrize("left", [0, 2])
+@pytest.mark.parametrize("left", [pytest.param(0, marks=pytest.mark.slow), 2])
 def test_run_that_finds_no_room_for_its_copy_does_not_begin(left, tmp_path, monkeypatch):
-    short, whole = lengths("ddpg", 100, 150)
+    short, whole = lengths("ddpg", 100, 150, evaluate_episodes=0)
     train(tmp_path, [short])
     real, made = os.replace, []
 
@@ -165,7 +170,7 @@ def test_evaluation_after_last_updates_is_the_longer_final_one(tmp_path):
 
 
 def test_state_is_no_difference_between_merged_results(tmp_path):
-    (run,) = lengths("td3", 100)
+    (run,) = lengths("td3", 50)
     train(tmp_path / "with", [run])
     train(tmp_path / "without", [run], keep_state="no")
     for name, source in (("with", "without"), ("without", "with")):

@@ -86,13 +86,13 @@ def test_retried_run_resumes_at_last_finite_checkpoint_and_diverges(tmp_path):
 
 def test_other_runs_of_batch_are_unaffected(tmp_path, engines):
     runs = [settings("td3", seed, steps=250) for seed in (0, 3)]
-    assert train(tmp_path / "alone", runs[1:]) == ({}, [])
+    assert train(tmp_path / "alone", runs[1:], final_episodes=1) == ({}, [])
 
     def poison(event):
         if (event.run, event.control_steps) == (runs[0].id, 200):
             engines[-1].tensors.saved["critic1"][0, 0] = math.nan
 
-    failures, _ = train(tmp_path / "both", runs, report=poison)
+    failures, _ = train(tmp_path / "both", runs, report=poison, final_episodes=1)
     assert list(failures) == [runs[0].id]
     assert outcome(tmp_path / "both", runs[1]) == outcome(tmp_path / "alone", runs[1])
     failed = only(tmp_path / "both", runs[0])

@@ -21,7 +21,7 @@ from tests.training.test_repeat import settings
 
 pytestmark = pytest.mark.usefixtures("short_episodes")
 
-ENCODED = {"encoder": ENCODER, "representation": "dae14"}
+ENCODED = {"encoder": ENCODER, "representation": "dae14", "evaluate_episodes": 1}
 OTHER = f"was trained with another encoder {ENCODER} than the one in"
 
 
@@ -79,7 +79,7 @@ def test_finished_run_is_used_with_its_own_encoder_only(results):
 
 def test_run_is_neither_resumed_nor_continued_with_another_encoder(results):
     short, long = (settings(steps=steps, **ENCODED) for steps in (2 * EPISODE, 3 * EPISODE))
-    begun = settings(steps=4 * EPISODE, seed=1, **ENCODED)
+    begun = settings(steps=2 * EPISODE, seed=1, **ENCODED)
     train(short, results, keep_state="whole")
     train(begun, results, until=EPISODE)
     train_encoder_elsewhere(results)

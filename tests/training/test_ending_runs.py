@@ -24,7 +24,9 @@ def falling(algo, seed=0, task=LEAVES, **changes):
     return run_of(algo, seed, task=task, specs=find_task(task).specs, **changes)
 
 
-@pytest.mark.parametrize("algo", ["sac", "ppo", pytest.param("td3", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "algo", ["sac", *(pytest.param(each, marks=pytest.mark.slow) for each in ("ppo", "td3"))]
+)
 def test_seeds_that_end_at_different_steps_are_independent(algo, tmp_path):
     runs = [falling(algo, seed) for seed in (0, 1)]
     together, alone = Results(tmp_path / "together"), Results(tmp_path / "alone")

@@ -42,7 +42,7 @@ def run_of(algo, seed=0, **changes):
     return RunSettings(**{**about, **changes})
 
 
-@pytest.mark.parametrize("algo", ["td3", "sac", "ppo"])
+@pytest.mark.parametrize("algo", ["td3", pytest.param("sac", marks=pytest.mark.slow), "ppo"])
 def test_seeds_learn_alike_alone_and_together_and_are_reproduced(algo, tmp_path):
     runs = [run_of(algo, seed) for seed in (0, 1)]
     together, alone = Results(tmp_path / "together"), Results(tmp_path / "alone")

@@ -36,7 +36,7 @@ from tests.training.small_runs import small_run, train
 
 TASK = "face_direction"
 OFF_POLICY = {"batch_size": 8, "train_freq": 10, "gradient_steps": 2, "learning_starts": 10}
-LENGTHS = {"steps": 2 * EPISODE, "evaluate_every": EPISODE, "evaluate_episodes": 3}
+LENGTHS = {"steps": 2 * EPISODE, "evaluate_every": EPISODE, "evaluate_episodes": 2}
 
 
 @pytest.fixture(scope="module")

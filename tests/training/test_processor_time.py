@@ -32,10 +32,10 @@ def times(record):
     ]
 
 
-@pytest.mark.parametrize("seeds", [1, 3])
+@pytest.mark.parametrize("seeds", [pytest.param(1, marks=pytest.mark.slow), 3])
 def test_seeds_share_processor_time_evenly(seeds, tmp_path):
     runs = [settings("ppo", seed, steps=200, evaluate_every=100) for seed in range(seeds)]
-    do(tmp_path, runs, checkpoint_every=1000)
+    do(tmp_path, runs, checkpoint_every=1000, final_episodes=None)
     share = 6 / seeds
     for run in runs:
         record = only(tmp_path, run)
@@ -65,7 +65,7 @@ def test_run_of_version_2_resumes_without_processor_time(tmp_path):
     shutil.copytree(VERSION_2, tmp_path / "old")
     run = settings("td3", 1, steps=200, evaluate_every=50)
     kept = only(tmp_path / "old", run).read("episodes")
-    ((seed, steps, _),) = do(tmp_path / "old", [run])
+    ((seed, steps, _),) = do(tmp_path / "old", [run], final_episodes=None)
     assert (seed, steps) == (1, 100)
     record = only(tmp_path / "old", run)
     assert (record.status, record.manifest.schema_version) == ("finished", 2)

@@ -65,8 +65,8 @@ def test_run_is_reproduced_bit_for_bit(trained):
 
 
 def test_whole_run_is_reproduced_whatever_its_last_evaluation(tmp_path):
-    run, results = settings(), Results(tmp_path)
-    assert run_batch([run], results, final_episodes=3) == {}
+    run, results = settings(evaluate_episodes=1), Results(tmp_path)
+    assert run_batch([run], results, final_episodes=2) == {}
     again = retrain(results, results.find("run", run.id), 2)
     assert again[1:4] == ("equal", "", 100)
 
@@ -81,7 +81,7 @@ def test_last_evaluation_shorter_than_the_others_is_repeated_with_as_many_episod
 
 
 def test_run_that_ends_before_its_first_update_is_reproduced(tmp_path):
-    lengths = {"steps": EPISODE, "evaluate_every": EPISODE, "evaluate_episodes": 2}
+    lengths = {"steps": EPISODE, "evaluate_every": EPISODE, "evaluate_episodes": 0}
     waiting = {**OFF_POLICY, "learning_starts": 1000}
     run = small_run("ddpg", waiting, engine="batched", seed=0, **lengths)
     assert run_batch([run], Results(tmp_path)) == {}
@@ -105,8 +105,9 @@ def test_run_with_parallel_environments_is_reproduced(tmp_path):
     ["ddpg", *(pytest.param(each, marks=pytest.mark.slow) for each in ("td3", "sac", "ppo"))],
 )
 def test_run_with_standardized_inputs_is_reproduced(algo, tmp_path):
-    run, results = settings(algo, overrides={"normalize": "running"}), Results(tmp_path)
-    assert run_batch([run], results) == {}
+    about = {"overrides": {"normalize": "running"}, "evaluate_episodes": 1}
+    run, results = settings(algo, **about), Results(tmp_path)
+    assert run_batch([run], results, final_episodes=1) == {}
     record = results.find("run", run.id)
     assert reevaluate(results, record).verdict == retrain(results, record, 2).verdict == "equal"
 
@@ -181,7 +182,8 @@ def test_policies_of_older_versions_are_not_compared(trained, tmp_path):
 def test_run_with_encoder_needs_it(demo_results, tmp_path):
     shutil.copytree(demo_results.path / "encoders", tmp_path / "encoders")
     results = Results(tmp_path)
-    run = settings(encoder=ENCODER, representation="dae14", steps=50)
+    about = {"encoder": ENCODER, "representation": "dae14", "evaluate_episodes": 1}
+    run = settings(steps=50, **about)
     assert run_batch([run], results) == {}
     record = results.find("run", run.id)
     assert reevaluate(results, record).verdict == retrain(results, record, 1).verdict == "equal"

@@ -49,7 +49,8 @@ def test_estimated_speed_counts_steps_without_updates(algo, steps, share):
     [
         ("ddpg", {}, None, 0.5),  # 50 every 100 control steps
         pytest.param("ddpg", {}, 7, 0.5, marks=pytest.mark.slow),
-        ("td3", {"learning_starts": 0}, None, 1.0),  # 1000 every 1000
+        # 1000 every 1000
+        pytest.param("td3", {"learning_starts": 0}, None, 1.0, marks=pytest.mark.slow),
         pytest.param(
             "ddpg",
             {"train_freq": 3, "gradient_steps": 2},

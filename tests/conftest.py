@@ -67,6 +67,19 @@ def rendering():
 
 
 @pytest.fixture
+def brief_measurements(monkeypatch):
+    """Measures the speed of training on few steps and updates."""
+    monkeypatch.setattr("jbench.training.speed._STEPS", 10)
+    monkeypatch.setattr("jbench.training.speed._UPDATES", 2)
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Leaves the figures of reports out, which take most of their time."""
+    monkeypatch.setattr("jbench.report.figures.charts", lambda frames: [])
+
+
+@pytest.fixture
 def coarse_pictures(rendering, monkeypatch):
     """Draws with coarse shadows and edges, which without a GPU take most of a picture's time."""
     from jbench.rendering import episode

@@ -11,7 +11,6 @@ import os
 SHIPPED_FRAMES = (
     "tests/report/test_answer.py",
     "tests/report/test_golden.py::test_numbers_are_as_before[shipped-",
-    "tests/recording/test_opened.py",
 )
 BROWSER = "chromium"
 """The fixture of all tests in a browser."""

@@ -26,14 +26,12 @@ CAPTIONS = {"hand-written": "hand-written policy", "TD3 on planar": "TD3 on `pla
 """What the captions call the policies of the clips."""
 
 
-FAST = ("move_from_origin", "face_direction")
-"""Tasks of a hand-written and of a trained policy."""
-
-
 @pytest.mark.parametrize(
     "clip",
     [
-        pytest.param(clip, id=clip.task, marks=() if clip.task in FAST else pytest.mark.slow)
+        pytest.param(
+            clip, id=clip.task, marks=() if clip.task == "face_direction" else pytest.mark.slow
+        )
         for clip in gallery.GALLERY
     ],
 )

@@ -170,8 +170,7 @@ class Replayed(Captured):
 @pytest.mark.parametrize(
     ("algo", "options"),
     [
-        ("td3", {}),
-        *(slow(algo, {}) for algo in ALGORITHMS if algo != "td3"),
+        *(slow(algo, {}) for algo in ALGORITHMS),
         *(slow(*case) for case in SCRIPTS.items()),
         ("td3", {"time_limit": "terminal", "precision": "bfloat16"}),
         ("ddpg", {"changes": {"mirror": True, "normalize": "running"}}),

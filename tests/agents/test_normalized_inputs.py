@@ -260,7 +260,7 @@ def build_tqc(seeds, **options):
 
 
 @pytest.mark.parametrize(
-    ("algo", "stop"), [("ddpg", 40), ("td3", 43), slow("sac", 45), ("ppo", 49)]
+    ("algo", "stop"), [("ddpg", 40), slow("td3", 43), slow("sac", 45), ("ppo", 49)]
 )
 def test_restored_engine_continues_bit_for_bit(algo, stop):
     assert_continues(lambda seeds: build_engine(algo, seeds, **NORMALIZED), stop)
@@ -307,7 +307,8 @@ def test_statistics_are_loaded_with_a_policy():
         np.testing.assert_allclose(after.variance, least, rtol=1e-6)
 
 
-@pytest.mark.parametrize("algo", [slow("ddpg"), "ppo", slow("sac"), slow("td3")])
+@pytest.mark.slow
+@pytest.mark.parametrize("algo", ALGORITHMS)
 def test_exported_model_acts_as_the_agent(algo, tmp_path):
     with build_engine(algo, [0, 1], **NORMALIZED) as engine:
         list(engine.learn(STEPS))

@@ -150,7 +150,7 @@ DEFECTS = {
     "name",
     [
         pytest.param(
-            name, marks=() if name in ("ForgetsNoise", "OtherPolicy") else pytest.mark.slow
+            name, marks=() if name in ("ForgetsNoise", "DrawsWhenItActs") else pytest.mark.slow
         )
         for name in DEFECTS
     ],

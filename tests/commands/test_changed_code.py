@@ -189,7 +189,6 @@ VERBS = {
 DIAGONAL = (
     ("task", "import", "train"),
     ("encoder", "data", "evaluate"),
-    ("agent", "data", "accept"),
     ("loop", "import", "verify"),
 )
 

@@ -1,5 +1,7 @@
 """Tests of `jbench demo`, which runs the commands of the quick start."""
 
+import sys
+
 import pytest
 
 from jbench.cli import main
@@ -7,6 +9,7 @@ from jbench.commands import demo
 from jbench.store import Results
 from tests.demo_results import RETURNS
 from tests.documentation import ROOT
+from tests.forking import COMMAND, Piped
 
 
 def test_commands_are_those_of_quick_start():
@@ -14,7 +17,19 @@ def test_commands_are_those_of_quick_start():
     assert [command for command in demo.COMMANDS if f"jbench {command}" not in page] == []
 
 
+class ForkedCommand(Piped):
+    """A command of the demo; `test_failing_command_ends_demo` starts Python instead."""
+
+    def __init__(self, command, **_options):
+        assert command[:3] == [sys.executable, "-m", "jbench"]
+        super().__init__(COMMAND, [command[3:]])
+
+    def communicate(self):
+        return self.stdout.read(), None
+
+
 def test_each_command_is_printed_run_and_recorded(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(demo.subprocess, "Popen", ForkedCommand)
     monkeypatch.setattr(demo, "COMMANDS", ("collect --steps 1000", "datasets"))
     place = tmp_path / "mine"
     assert main(["demo", "--results", str(place)]) == 0

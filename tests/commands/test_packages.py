@@ -124,14 +124,18 @@ def test_train_and_sweep_make_same_runs(swept):
             assert episode["entropy_coefficient"] is None
 
 
-def test_trained_policy_of_rule_is_evaluated_and_reevaluated(swept, installed):
+def test_trained_policy_of_rule_is_evaluated_and_reevaluated(
+    swept, installed, document, run_command, monkeypatch
+):
+    shorten_episodes(monkeypatch.setattr, SHORT)
     run = next(run for run in swept.scan("run")[0] if run.settings["algo"] == "tqc")
     for policy, wanted in ((run.id, ""), ("bang-bang", "random-search-agent 1.0")):
-        command = ("evaluate", policy, "--task", "face_direction", "--episodes", "1", "--json")
-        done = succeed(*command, results=swept.path, short=True)
-        assert (json.loads(done.stdout)["settings"].get("code") or "") == wanted
-    assert "equal" in succeed("verify", "--reevaluate", results=swept.path, short=True).stdout
-    succeed("reproduce", run.id, "--episodes", "1", results=swept.path, short=True)
+        command = ("evaluate", policy, "--task", "face_direction", "--episodes", "1")
+        made = document(*command, results=swept.path)
+        assert (made["settings"].get("code") or "") == wanted
+    code, printed, _ = run_command("verify", "--reevaluate", results=swept.path)
+    assert (code, "equal" in printed) == (0, True)
+    assert run_command("reproduce", run.id, "--episodes", "1", results=swept.path)[0] == 0
 
 
 def test_runs_of_uninstalled_packages_are_listed_reported_and_verified(swept, capsys, refused):

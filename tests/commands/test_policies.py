@@ -11,6 +11,7 @@ from jbench.commands.policies import video_name
 from jbench.tasks.find import find_task
 from tests import command_line
 from tests.command_line import SHORT, train
+from tests.short_episodes import shorten_episodes
 
 succeed = partial(command_line.succeed, short=True)
 
@@ -26,29 +27,32 @@ def augmented(tmp_path_factory):
     return results, json.loads(done.stdout)["runs"][0]
 
 
-def test_evaluation_on_other_robot_prints_notice(augmented):
+def test_evaluation_on_other_robot_prints_notice(augmented, run_command, monkeypatch):
+    shorten_episodes(monkeypatch.setattr, 20)
     results, run = augmented
     typed = ("evaluate", "--task", "face_direction", run, "--episodes")
-    other = succeed(*typed, "9", results=results).stdout
+    code, other, _ = run_command(*typed, "9", results=results)
+    assert code == 0
     assert f"{run} was trained on augmented robot 7, but this is the plain robot" in other
     assert "type --augment 7 for its robot" in other
-    same = succeed(*typed, "10", "--augment", "7", results=results).stdout
+    code, same, _ = run_command(*typed, "10", "--augment", "7", results=results)
+    assert code == 0
     assert "was trained on" not in same
     # Percentiles are of ten episodes or more.
     assert "mean return" in other
     assert ("[10th" in other, "[10th" in same) == (False, True)
 
 
-@pytest.mark.usefixtures("rendering")
-def test_render_writes_reported_file(augmented, tmp_path):
+@pytest.mark.usefixtures("coarse_pictures")
+def test_render_writes_reported_file(augmented, run_command, tmp_path):
     results, run = augmented
     before = sorted(results.rglob("*"))
     out = tmp_path / "strip.png"
     typed = ("render", run, "--out", str(out), "--steps", "20", "--json")
-    done = succeed(*typed, results=results)
+    code, printed, said = run_command(*typed, results=results)
     # The task is that of the run, not render's default.
-    assert f"render {run} face_direction" in done.stderr
-    output = json.loads(done.stdout)
+    assert (code, f"render {run} face_direction" in said) == (0, True)
+    output = json.loads(printed)
     assert output["path"] == str(out)
     assert 0 <= output["episode_return"] <= 20
     width, height = Image.open(out).size

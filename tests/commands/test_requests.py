@@ -102,7 +102,7 @@ def test_invalid_request_prints_one_error_and_exits_with_2(arguments, message, t
     assert not list(tmp_path.rglob("manifest.json"))
 
 
-def test_train_sweep_and_record_evaluate_at_the_same_steps(tmp_path, document):
+def test_train_sweep_and_record_evaluate_at_the_same_steps(tmp_path, document, brief_measurements):
     steps, results = 40_000, Results(tmp_path)
     file = tmp_path / "one.toml"
     file.write_text(f'tasks = ["face_direction"]\nalgos = ["td3"]\nseeds = "3"\nsteps = {steps}')
@@ -411,7 +411,9 @@ def test_ids_and_settings_are_completed(words, offered, demo_results, monkeypatc
     assert all(word.startswith(begin) for word, begin in zip(completed, begins, strict=True))
 
 
-def test_dry_run_of_train_shows_time_left_and_trains_nothing(tmp_path, document, monkeypatch):
+def test_dry_run_of_train_shows_time_left_and_trains_nothing(
+    tmp_path, document, brief_measurements, monkeypatch
+):
     monkeypatch.setattr(speed, "stepping", lambda *_, **__: 0.001)
     one = ("--algo", "td3", "--seed", "3", "--steps", "1000")
     forecast = document("train", "--dry-run", *one, results=tmp_path)

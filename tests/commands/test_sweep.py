@@ -17,7 +17,7 @@ from jbench.store import Results
 from jbench.sweeps import executors
 from jbench.training import request
 from tests import sweep_matrices
-from tests.command_line import SHORT, jbench, succeed, wait_until
+from tests.command_line import SHORT, jbench, wait_until
 from tests.short_episodes import shorten_episodes
 from tests.sweep_matrices import (
     committed,
@@ -59,8 +59,8 @@ def kill(pid):
     os.kill(pid, signal.SIGKILL)
 
 
-@pytest.mark.usefixtures("short")
-def test_sweep_makes_prerequisites_and_repeating_it_changes_nothing(tmp_path, results):
+@pytest.mark.usefixtures("short", "brief_measurements")
+def test_sweep_makes_prerequisites_and_repeating_it_changes_nothing(tmp_path, results, run_command):
     matrix = write_matrix(tmp_path, representations='"full", "pca3"', seeds="0")
     done = sweep(matrix, results, "--json")
     assert done.returncode == 0
@@ -75,27 +75,28 @@ def test_sweep_makes_prerequisites_and_repeating_it_changes_nothing(tmp_path, re
     assert states(runs, results) == ["finished"] * 2
 
     before = {path: path.read_bytes() for path in results.rglob("manifest.json")}
-    done = sweep(matrix, results)
-    assert done.returncode == 0
-    assert "2 of 2 runs are already finished; nothing to do." in done.stdout
+    code, printed, _ = run_command("sweep", matrix, results=results)
+    assert code == 0
+    assert "2 of 2 runs are already finished; nothing to do." in printed
     # The forecast of more runs is based on a measurement of this machine, not on its records.
-    done = sweep(matrix, results, "--seeds", "0-1", "--dry-run", "--json")
-    assert done.returncode == 0
+    more = ("--seeds", "0-1", "--dry-run", "--json")
+    code, printed, _ = run_command("sweep", matrix, *more, results=results)
+    assert code == 0
     assert {path: path.read_bytes() for path in results.rglob("manifest.json")} == before
-    cells = json.loads(done.stdout)["configurations"]
+    cells = json.loads(printed)["configurations"]
     assert [(cell["finished"], cell["missing"], cell["estimate"]) for cell in cells] == [
         (1, 1, "a quick measurement")
     ] * 2
-    succeed("verify", results=results, short=True)
+    assert run_command("verify", results=results)[0] == 0
 
 
-@pytest.mark.usefixtures("short")
+@pytest.mark.usefixtures("short", "short_encoder_evaluation")
 def test_failed_run_stops_no_other_and_is_retried_by_option(tmp_path, results):
     matrix = write_matrix(tmp_path, representations='"pca3", "full"', seeds="0")
     encoded, full = runs_of_matrix(matrix, results)
-    succeed("collect", "--steps", str(3 * SHORT), results=results, short=True)
-    kind = ("--kind", "pca", "--latent", "3")
-    succeed("train-encoder", *kind, results=results, short=True)
+    where = ("--results", str(results))
+    assert main(["collect", "--steps", str(3 * SHORT), *where]) == 0
+    assert main(["train-encoder", "--kind", "pca", "--latent", "3", *where]) == 0
     (weights,) = results.rglob("encoder.safetensors")
     whole = weights.read_bytes()
     weights.write_bytes(whole[:-1])

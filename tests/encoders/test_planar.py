@@ -122,7 +122,7 @@ def at_origin(task, target):
     return target._replace(position=np.array([0, 0, geometry.TARGET_HEIGHT]))
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=70, deadline=None)
 @given(tasks, robots, st.floats(-math.pi, math.pi), numbers(3, 3))
 def test_latents_are_invariant_to_planar_motions(task, found, angle, shift):
     state, target = found[0], at_origin(task, found[1])
@@ -139,7 +139,7 @@ def test_latents_are_invariant_to_planar_motions(task, found, angle, shift):
     np.testing.assert_allclose(difference, 0, atol=1e-8)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=70, deadline=None)
 @given(tasks, robots)
 def test_observation_is_reconstructed_up_to_planar_motion(task, found):
     state, target = found[0], at_origin(task, found[1])

@@ -127,9 +127,10 @@ def test_encoder_without_predictions_is_read_and_shown(trained, results, capsys)
     assert "yaw rate" in capsys.readouterr().out
 
 
-def test_angle_changes_are_wrapped_and_have_unit_variance(simulated):
-    turns = angle_periods(simulated)
-    gain, _ = simulated.scaling.gain_and_offset()
+def test_angle_changes_are_wrapped_and_have_unit_variance(trained):
+    states = trained.states
+    turns = angle_periods(states)
+    gain, _ = states.scaling.gain_and_offset()
     # The motor's angle and the angle to the target are observed in units of pi.
     np.testing.assert_allclose(turns, [0] * 13 + [2 * gain[13], 0, 2 * gain[15]], rtol=1e-6)
     now, later = torch.zeros(1, 16), torch.zeros(1, 16)
@@ -139,8 +140,8 @@ def test_angle_changes_are_wrapped_and_have_unit_variance(simulated):
     assert changes[0, 13].item() == pytest.approx(0.03 * gain[13], rel=1e-4)
     assert changes[0, 14].item() == pytest.approx(-1.97, rel=1e-4)
     kind = ForwardModel(horizon=3)
-    constants = kind.constants(simulated)
-    (shard,) = simulated.learn()
+    constants = kind.constants(states)
+    (shard,) = states.learn()
     batch = shard.take(torch.arange(shard.pairs(3)), 3, with_actions=True)
     scaled = state_changes(batch, turns) * constants["change.scale"]
     np.testing.assert_allclose(scaled.std(0), 1, rtol=1e-3)

@@ -193,7 +193,9 @@ def test_imports_are_listed_verified_merged_and_repaired(monitor_file, imports, 
     assert verify(Results(other), 1).findings == []
 
 
-def test_curves_of_another_robot_are_imported_and_reported(monitor_file, imports, tmp_path, capsys):
+def test_curves_of_another_robot_are_imported_and_reported(
+    monitor_file, imports, undrawn, tmp_path, capsys
+):
     env_id = "jbench/dmc-cheetah-run-v0"  # as Monitor writes it
     files = [monitor_file(seed, returns, env_id=env_id) for seed, returns in EPISODES.items()]
     code, out, _ = imports("sb3-monitor", *files, more=("--task", "dmc:cheetah-run"))

@@ -576,7 +576,7 @@ def test_event_file_of_a_program_that_ended_at_once_is_left_out(tmp_path):
         read_curves(tmp_path / "runs")
 
 
-def test_other_kinds_of_files_in_a_folder_are_counted_and_reports_are_no_curves(tmp_path):
+def test_other_kinds_of_files_in_a_folder_are_counted_and_reports_are_no_curves(tmp_path, undrawn):
     curves = "method,task,seed,steps,return\nA,t,0,0,1\nA,t,0,9,2\n"
     (tmp_path / "mine").mkdir()
     written(tmp_path / "mine" / "a.csv", curves)
@@ -633,7 +633,7 @@ def test_folder_of_rl_zoo_is_read(tmp_path):
     assert training["return"].tolist() == [5, 6, 7] * 2
 
 
-def test_monitor_with_a_restart_is_read_as_one_training_with_a_note(tmp_path):
+def test_monitor_with_a_restart_is_read_as_one_training_with_a_note(tmp_path, undrawn):
     episodes = [(5, 100, 1.0), (7, 100, 3.0), (8, 100, 0.5), (9, 100, 2.0)]
     file = read_curves(monitor(tmp_path / "sac" / "Hopper-v4_3" / "0.monitor.csv", episodes))
     assert file.points["steps"].tolist() == [100, 200, 300, 400]

@@ -239,6 +239,7 @@ def test_policy_of_another_robot_has_its_observation_and_all_its_motors(tmp_path
         export_onnx(agent, "a/run", path, in_si_units=True)
 
 
+@pytest.mark.slow
 def test_model_controls_an_environment_without_jbench(tmp_path):
     """By the program of docs/your-own-robot.md: a Dict observation, and actions in [-2, 4]."""
     path = tmp_path / "policy.onnx"

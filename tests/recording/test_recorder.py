@@ -473,6 +473,7 @@ def test_script_with_a_main_part_may_record_its_own_function(tmp_path):
     assert (done.returncode, done.stdout) == (0, "recorded\n"), done.stderr
 
 
+@pytest.mark.slow
 def test_environment_of_the_page_is_recorded_with_a_model_of_stable_baselines3(tmp_path):
     (tmp_path / "arm.py").write_text(code_of("recording.md", "python", "def make"))
     script = code_of("recording.md", "python", '"arm:make"')
@@ -536,7 +537,7 @@ def test_environments_in_other_processes_are_refused(tmp_path):
         env.close()
 
 
-def test_commands_list_and_report_external_runs(finished, copy, document):
+def test_commands_list_and_report_external_runs(finished, copy, undrawn, document):
     _, id, _, returns = finished
     (run,) = document("runs", results=copy)["runs"]
     assert (run["run"], run["algo"], run["status"]) == (id, "mine", "finished")

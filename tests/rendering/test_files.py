@@ -28,7 +28,10 @@ def hide(monkeypatch, names):
 
 
 @rendering
-@pytest.mark.parametrize(("steps", "shown"), [(16, [0, 3, 6, 10, 13, 16]), (2, [0, 1, 2])])
+@pytest.mark.parametrize(
+    ("steps", "shown"),
+    [(16, [0, 3, 6, 10, 13, 16]), pytest.param(2, [0, 1, 2], marks=pytest.mark.slow)],
+)
 def test_strip_has_moments_side_by_side(tmp_path, steps, shown):
     path = tmp_path / "new" / "strip.png"
     last = render_to_file(Constant(), SCENE, path, name="constant", steps=steps)

@@ -8,13 +8,13 @@ from jbench.report.frames import Frames
 from jbench.report.request import Request
 from jbench.report.verdict_matrices import tables_of_verdicts, verdict_matrices
 from jbench.settings.algorithms import algorithm_settings
+from tests.report.conftest import FabricatedResults
 
 ENCODER = "face_direction/dae12-script/s0{}-{:08d}"
 
 
-@pytest.fixture
-def frames(fabric):
-    """Returns the frames of ten seeds of each design of Figure 7, evaluated once, at the end."""
+def add_designs(fabric):
+    """Adds ten seeds of each design of Figure 7, evaluated once, at the end."""
     settings = algorithm_settings("ddpg", "figure8").model_dump(mode="json")
     common = {
         "algo": "ddpg",
@@ -36,6 +36,13 @@ def frames(fabric):
         for final, own in designs.values():
             more = {"representation": "dae12-script", **common, **own}
             fabric.run([final] * 300, seed, evaluated={300_000: final}, **more)
+
+
+@pytest.fixture(scope="module")
+def frames(tmp_path_factory):
+    """Returns the frames of both designs of Figure 7, and of the observation in SI units."""
+    fabric = FabricatedResults(tmp_path_factory.mktemp("designs") / "results")
+    add_designs(fabric)
     return Frames(fabric.results, Request(claims=True))
 
 
@@ -60,7 +67,8 @@ def test_variability_is_judged_in_both_designs(frames):
     assert {*compared} == names
 
 
-def test_representations_without_a_common_baseline_have_tables_of_their_own(fabric, frames):
+def test_representations_without_a_common_baseline_have_tables_of_their_own(fabric):
+    add_designs(fabric)
     for name in ("full", "dae12", "planar12", "pca12"):
         encoder = None if name == "full" else f"face_direction/{name}/s00-00000003"
         for seed in range(2):

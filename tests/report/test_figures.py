@@ -23,6 +23,7 @@ from jbench.report.svg import panel_svgs
 from jbench.report.texts import map_texts
 from jbench.representation_names import ENCODER_KINDS, kind_in
 from jbench.task_specs import SOLVED_RETURN
+from tests.matrices import diagonal
 
 NAMES = [
     "full",
@@ -284,8 +285,7 @@ def test_long_titles_and_large_returns_are_written_whole(fabric):
     assert "2000000000" in [label.get_text() for label in axes.get_yticklabels()]
 
 
-@pytest.mark.parametrize("columns", [None, 1])
-@pytest.mark.parametrize("largest", [3e9, -4e12])
+@pytest.mark.parametrize(("columns", "largest"), diagonal([None, 1], [3e9, -4e12]))
 def test_large_returns_in_rows_have_room_beside_each_other(fabric, columns, largest):
     for task in ("huge", "other"):
         for place, algo in enumerate(("td3", "sac")):

@@ -127,7 +127,7 @@ def test_baseline_is_drawn_like_published_curves(imported):
     assert [*curves.legend] == ["imported: fast", "imported"]
 
 
-def test_paper_is_cited_only_for_curves_of_its_own(imported):
+def test_paper_is_cited_only_for_curves_of_its_own(imported, undrawn):
     typed = ["--baseline", "slow", "--format", "svg", "--results", str(imported)]
     pages = {}
     for published in ("yes", "no"):

@@ -298,6 +298,7 @@ def test_tables_of_verdicts_fit_a_laptop(opened, shipped_page):
     assert not any(shown.locator("#reduction .scroll").evaluate_all(boxes))
 
 
+@pytest.mark.slow
 def test_young_page_shows_both_representations_at_once(fabric, opened, tmp_path):
     add_runs(fabric, "full", "dae12")
     path = written(Frames(fabric.results), tmp_path)

@@ -167,6 +167,7 @@ def test_similar_comparison_passes_nothing_on():
     assert judgments[2].low == pytest.approx(value - 10 * scipy.stats.norm.isf(0.0125))
 
 
+@pytest.mark.slow
 def test_permutation_test_confirms_a_verdict(fabric):
     # Six seeds each, all higher: an exact test has a p-value of 2 / 924 = 0.0022.
     names = [f"pca{latents}" for latents in range(2, 14)]
@@ -227,11 +228,11 @@ def test_cells_with_other_differences_are_not_compared(fabric):
 
 
 def test_final_returns_are_those_at_common_step(fabric):
-    learn(fabric)
+    learn(fabric, {name: FINALS[name] for name in ("full", "planar12")})
     learn(fabric, {"random12": 500 + CLOSE}, episodes=20)
     rows = return_frame(fabric.configurations()[0]).to_dict("records")
     found = {row["representation"]: row for row in rows}
-    assert {*found} == {"full", "scaled", "planar", "dae12", "pca4"}  # random12 has not reached it
+    assert {*found} == {"full", "planar"}  # random12 has not reached it
     assert {row["steps"] for row in found.values()} == {80_000}
     # The interquartile mean of final returns that are symmetric about 800.
     assert found["planar"]["iqm"] == pytest.approx(800)
@@ -256,7 +257,7 @@ def test_returns_stand_beside_r2_of_predictions(fabric):
 
 
 def test_headline_names_what_was_decided(fabric):
-    learn(fabric)
+    learn(fabric, {name: FINALS[name] for name in ("full", "planar12", "dae12")})
     headline = Frames(fabric.results).headline
     assert "planar" in headline
     assert "dae12" in headline

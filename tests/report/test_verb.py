@@ -29,7 +29,7 @@ def run_report(results, *arguments):
     return main(["report", *arguments, "--results", str(results)])
 
 
-def test_claims_are_in_json_files_and_page(filled, capsys):
+def test_claims_are_in_json_files_and_page(filled, undrawn, capsys):
     assert run_report(filled, "--claims", "--json", "--format", "svg", "--window", "4") == 0
     output = json.loads(capsys.readouterr().out)
     ours = {c["claim"]: c for c in output["claims"] if c["source"] == "own"}
@@ -46,7 +46,7 @@ def test_claims_are_in_json_files_and_page(filled, capsys):
     assert str(out / "report.json") in output["files"]
 
 
-def test_returns_option_selects_leading_returns(fabric, capsys):
+def test_returns_option_selects_leading_returns(fabric, undrawn, capsys):
     fabric.flat([500] * 3, evaluated={20_000: 300.0, 40_000: 950.0})
     results, medians = fabric.results.path, {}
     for returns in ("evaluation", "training"):
@@ -58,7 +58,7 @@ def test_returns_option_selects_leading_returns(fabric, capsys):
     assert not (results / "report" / "tables" / "claims.csv").exists()  # without --claims
 
 
-def test_terminal_has_a_row_of_verdicts_for_each_representation(fabric, capsys):
+def test_terminal_has_a_row_of_verdicts_for_each_representation(fabric, undrawn, capsys):
     for name, value in (("full", 500), ("random12", 100), ("vae12", 900)):
         fabric.flat(range(value, value + 6), representation=name)
     run_report(fabric.results.path, "--format", "svg")
@@ -71,7 +71,7 @@ def test_terminal_has_a_row_of_verdicts_for_each_representation(fabric, capsys):
     ]
 
 
-def test_comparison_is_written_beside_report(filled, capsys):
+def test_comparison_is_written_beside_report(filled, undrawn, capsys):
     sides = ("--compare", "representation=dae12", "representation=full")
     assert run_report(filled, *sides, "--format", "svg") == 0
     output = capsys.readouterr().out

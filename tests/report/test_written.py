@@ -60,7 +60,7 @@ def test_same_results_give_identical_files(filled, tmp_path):
         assert one.read_bytes() == other.read_bytes(), one.name
 
 
-def test_watched_report_writes_only_page(filled, out):
+def test_watched_report_writes_only_page(filled, undrawn, out):
     write_report(filled, out, Request(watched=True))
     assert sorted(path.name for path in out.iterdir()) == ["index.html", "report.json"]
 

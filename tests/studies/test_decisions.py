@@ -80,7 +80,7 @@ def finish(results, run, evaluated, trained=TRAINED, is_finished=True):
         record.finish({"wall_time": 1.0})
 
 
-def test_report_decides_the_comparisons_of_a_file(decided, tmp_path, capsys):
+def test_report_decides_the_comparisons_of_a_file(decided, undrawn, tmp_path, capsys):
     """Of returns 500 to 504 against 400, the difference of the means is 102."""
 
     def fill(results, run, is_planar):
@@ -193,7 +193,7 @@ def test_evaluations_are_not_compared_with_training(evaluated, kind, decided):
     assert row["seeds"] == (evaluated or 10)
 
 
-@pytest.mark.parametrize("claim", ["a", "c"])
+@pytest.mark.parametrize("claim", [pytest.param("a", marks=pytest.mark.slow), "c"])
 def test_returns_that_are_not_finite_are_left_out_and_a_run_without_others_stops(claim, decided):
     def fill(results, run, is_planar):
         # Seeds vary so much that five of them decide nothing.

@@ -170,7 +170,7 @@ def test_damaged_dataset_and_encoder_would_be_made_first(with_damaged_encoder, c
 
 
 def test_time_left_is_without_what_is_made_first_and_a_smaller_dataset_is_advised(
-    tmp_path, run_command
+    tmp_path, run_command, brief_measurements
 ):
     matrix = write_matrix(tmp_path, representations='"full", "pca3"')
     code, printed, _ = run_command("sweep", matrix, "--dry-run", results=tmp_path / "results")

@@ -178,7 +178,7 @@ def test_masses_vary_only_with_vary_masses():
 
 @pytest.mark.parametrize("vary_masses", [False, True])
 @pytest.mark.parametrize(
-    "seed", [0, 1, 2, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(3, 25))]
+    "seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 25))]
 )
 def test_robot_stands_and_steps_without_warning(seed, vary_masses):
     robot = load_model(seed, vary_masses=vary_masses)

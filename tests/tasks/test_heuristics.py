@@ -58,7 +58,13 @@ DONE = {
 }
 
 
-@pytest.mark.parametrize("task", DONE)
+LONGER = ("move_to_position", "move_to_pose")
+
+
+@pytest.mark.parametrize(
+    "task",
+    [pytest.param(task, marks=pytest.mark.slow if task in LONGER else ()) for task in DONE],
+)
 def test_heuristic_solves_task(task):
     quaternions, target = resets.draw_starts(task, [np.random.default_rng(2)] * 3)
     steps, least = DONE[task]

@@ -56,8 +56,10 @@ def touch_itself(random, data):
     "control",
     [
         pytest.param(lambda random, step: random.uniform(-1, 1), id="random"),
-        pytest.param(lambda random, step: 1, id="full"),
-        pytest.param(lambda random, step: (-1) ** (step // 2), id="alternating"),
+        pytest.param(lambda random, step: 1, id="full", marks=pytest.mark.slow),
+        pytest.param(
+            lambda random, step: (-1) ** (step // 2), id="alternating", marks=pytest.mark.slow
+        ),
         pytest.param(lambda random, step: random.choice([-1, 1]), id="random direction"),
     ],
 )

@@ -2,8 +2,6 @@
 
 import copy
 import os
-import subprocess
-import sys
 
 import mujoco
 import numpy as np
@@ -12,6 +10,7 @@ import pytest
 from jbench.tasks.jitterbug import model, resets
 from jbench.tasks.jitterbug.robots import load_model
 from jbench.tasks.jitterbug.simulation import Robots
+from tests.command_line import Process
 
 
 @pytest.fixture(scope="module")
@@ -127,18 +126,7 @@ def test_states_are_copies(robot):
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
 def test_forked_process_steps_and_ends():
-    script = """
-import os, sys
-import numpy as np
-from jbench.tasks.jitterbug.simulation import Robots
-from jbench.tasks.jitterbug.robots import load_model
-robots = Robots(load_model(), 4, 2)
-robots.step(np.ones(4))
-child = os.fork()
-print(robots.step(np.ones(4)).position.tolist(), flush=True)
-sys.exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) if child else 0)
-"""
-    command = [sys.executable, "-c", script]
-    done = subprocess.run(command, stdout=subprocess.PIPE, text=True, timeout=60, check=True)
+    done = Process("tests.tasks.forked_robots:step_in_two_processes").finished()
+    assert done.returncode == 0, done.stderr
     first, second = done.stdout.splitlines()
     assert first == second

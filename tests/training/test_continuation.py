@@ -62,9 +62,7 @@ def test_run_recorded_with_older_default_evaluations_is_found_by_the_same_comman
         # The shorter run ends with a rollout of 2 x 24 steps, at step 336.
         pytest.param("ppo", 300, {}, marks=pytest.mark.slow),
         # `test_compact_states.py` has a faster test of several environments.
-        pytest.param(
-            "td3", 200, {"parallel": 2, "evaluate_episodes": 0}, marks=pytest.mark.slow
-        ),
+        pytest.param("td3", 200, {"parallel": 2, "evaluate_episodes": 0}, marks=pytest.mark.slow),
     ],
 )
 def test_continued_run_equals_run_trained_at_once(algo, short, changes, tmp_path):

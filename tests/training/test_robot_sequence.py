@@ -162,22 +162,23 @@ def test_all_environments_of_ppo_switch_robots_together(tmp_path):
         assert all(np.array_equal(robot, expected) for robot in seen), step
 
 
-def summary_row(path, **changes):
-    """The row of a report for a run with these settings and constant returns of 500."""
+def summary_rows(path, *changes):
+    """The rows of a report for runs with these settings and constant returns of 500, by words."""
     results = Results(path)
-    wanted = settings("sac", {}, steps=10_000_000, **changes)
-    record = results.create("run", wanted.id, wanted.model_dump(mode="json"))
-    record.append({"episodes": episodes(wanted.id, [500.0] * 10_000)})
-    record.finish({"wall_time": 1.0})
-    (row,) = Frames(results).configurations.to_dict("records")
-    return row
+    for changed in changes:
+        wanted = settings("sac", {}, steps=10_000_000, **changed)
+        record = results.create("run", wanted.id, wanted.model_dump(mode="json"))
+        record.append({"episodes": episodes(wanted.id, [500.0] * 10_000)})
+        record.finish({"wall_time": 1.0})
+    return Frames(results).configurations.set_index("words").to_dict("index")
 
 
 def test_published_sequence_is_compared_only_with_same_sequence(tmp_path):
-    row = summary_row(tmp_path / "ten", robots=10)
+    found = summary_rows(tmp_path, {"robots": 10}, {}, {"augment": 0})
+    row = found.pop("augment=0, robots=10, stable-baselines3")
     # The published medians are 807.00 at 9,931,000 and 808.17 at 9,971,000; 9,950,500 is between.
     assert row["published"] == pytest.approx(807.57, abs=0.01)
     assert row["published_figure"] == "augmented SAC"
     # Figure 9 ends at 5e6 steps: there is no published value for the plain robot.
-    assert np.isnan(summary_row(tmp_path / "plain")["published"])
-    assert np.isnan(summary_row(tmp_path / "one", augment=0)["published"])
+    assert {*found} == {"augment=0, stable-baselines3", "stable-baselines3"}
+    assert np.isnan([other["published"] for other in found.values()]).all()

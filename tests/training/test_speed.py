@@ -22,7 +22,7 @@ def settings(**changes):
     return small_run("td3", overrides, **{"engine": "batched", **lengths, **changes})
 
 
-def test_speed_is_measured_with_any_number_of_environments():
+def test_speed_is_measured_with_any_number_of_environments(brief_measurements):
     about = {"engine": "batched", "parallel": 7, "steps": 7000, "evaluate_every": 10**4}
     assert seconds_per_step([small_run("ddpg", {}, evaluate_episodes=0, **about)]) > 0
 
@@ -126,7 +126,7 @@ def test_evaluations_are_counted_in_control_steps_of_training():
     assert evaluation_steps(run, 3) == pytest.approx((2 + 3) / 10)
 
 
-def test_measuring_speed_does_not_change_results(tmp_path):
+def test_measuring_speed_does_not_change_results(tmp_path, brief_measurements):
     run = settings(evaluate_episodes=0)
     once, again = Results(tmp_path / "once"), Results(tmp_path / "again")
     run_batch([run], once)

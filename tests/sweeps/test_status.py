@@ -109,7 +109,7 @@ def test_run_that_would_fail_again_keeps_no_process_busy(results, cell):
     assert seconds_left([line, line], 2) == pytest.approx(40.0)
 
 
-def test_runs_of_other_robots_and_machines_give_no_estimate(results, cell):
+def test_runs_of_other_robots_and_machines_give_no_estimate(results, cell, brief_measurements):
     record = finish(results, cell.runs[0], 40.0)
     task = "dmc:cheetah-run"
     run = cell.runs[1].model_copy(update={"task": task, "specs": find_task(task).specs})

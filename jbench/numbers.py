@@ -33,9 +33,11 @@ def one_decimal(value: float) -> str:
 
 def signed(value: float) -> str:
     """Formats a difference of returns."""
+    if not math.isfinite(value):
+        return fixed(value, 0, "+")
     if _ZERO < abs(value) < _SMALL:
         return f"{value:+.2g}"
-    if _LARGE <= abs(value) < math.inf:
+    if abs(value) >= _LARGE:
         return f"{value:+.3g}"
     return f"{round(value):+,d}" if abs(value) > _ZERO else "0"
 

@@ -176,6 +176,8 @@ class _Code:
                     parts = node.module.split(".")
 
                 start = self._root
+                if node.level > len(path.parents):  # which Python can't import
+                    continue
                 if node.level:
                     start = path.parents[node.level - 1]
                 if not start.is_relative_to(self._root):
@@ -221,14 +223,28 @@ class _Code:
         for text in named_files(tree):
             for directory in (path.parent, Path.cwd()):
                 file = directory / text
-                if not file.is_file():
+                found = _checksum_of_data(file)
+                if found is None:
                     continue
 
                 name = text
                 if file.resolve().is_relative_to(self._root.resolve()):
                     name = os.path.relpath(file.resolve(), self._root.resolve())
-                self.checksums.setdefault(Path(name).as_posix(), file_checksum(file))
+                self.checksums.setdefault(Path(name).as_posix(), found)
                 break
+
+
+def _checksum_of_data(file: Path) -> str | None:
+    """Returns the checksum of a file that a text may name; None if there is none to be read.
+
+    A text may be a sentence, longer than the names of files, or name what others may read.
+    """
+    try:
+        if file.is_file():
+            return file_checksum(file)
+    except OSError:
+        pass
+    return None
 
 
 def _exists(directory: Path, name: str) -> bool:

@@ -22,7 +22,7 @@ def syntax_tree(path: Path) -> ast.Module | None:
     """Returns the syntax tree of a file; None if Python can't import it."""
     try:
         return ast.parse(path.read_bytes())
-    except (SyntaxError, ValueError):
+    except (SyntaxError, ValueError, RecursionError, MemoryError):  # of expressions too deep
         return None
 
 

@@ -3,6 +3,7 @@
 import importlib
 import re
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -143,6 +144,35 @@ def test_files_that_it_writes_or_mujoco_reads_are_left_out(folder, code):
     write(folder, {"task": code})
     for name in ("x.json", "x.npy", "x.xml"):
         (folder / name).write_bytes(b"1")
+    assert [*read("task")] == ["task.py"]
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        f"help = '{chr(0x6A21) * 150}.json'",  # longer than a name may be, in bytes
+        "load('circle.json')",
+        "def later():\n    from " + "." * 99 + " import above",
+        f"x = {'+'.join(['1'] * 20_000)}",
+    ],
+)
+def test_code_that_names_no_file_is_still_code(folder, code):
+    write(folder, {"task": code})
+    (folder / "circle.json").symlink_to("circle.json")
+    assert [*read("task")] == ["task.py"]
+
+
+def test_data_file_that_cannot_be_read_is_left_out(folder, monkeypatch):
+    write(folder, {"task": "load('x.npy')"})
+    (folder / "x.npy").write_bytes(b"1")
+    opened = Path.open
+
+    def refused(path, *arguments, **named):
+        if path.suffix == ".npy":
+            raise PermissionError(13, "Permission denied")
+        return opened(path, *arguments, **named)
+
+    monkeypatch.setattr(Path, "open", refused)  # who is root reads all files
     assert [*read("task")] == ["task.py"]
 
 

@@ -128,10 +128,17 @@ def writable(path: Path) -> Path:
 
 
 def path(text: str | Path) -> Path:
-    """Returns a path as typed; an empty one, as of an unset shell variable, is refused."""
+    """Returns a path as typed; an empty one, as of an unset shell variable, is refused.
+
+    So is one of a home directory, which a shell puts in place of ~ at the beginning of a word only.
+    """
     if not str(text):
         raise BadParameter("it is empty; type . for the working directory")
-    return Path(text)
+
+    path = Path(text)
+    if path.parts[:1] == ("~",):
+        raise BadParameter(f"{text}: your shell has left the ~ as it is; type {path.expanduser()}")
+    return path
 
 
 def count(text: str | int, least: int = 1, most: float = names.MAX_COUNT) -> int:

@@ -103,6 +103,8 @@ def render(
     policy: str | None = options.POLICY,
     out: Path | None = Option(
         None,
+        parser=parsing.path,
+        metavar="FILE",
         help="File: FILE.mp4, FILE.gif, or FILE.png, a strip of frames (default: jitterbug.mp4, or "
         "of another robot, TASK.mp4).",
     ),

@@ -57,7 +57,7 @@ def query(
 
 def _show_answer(answer: "pd.DataFrame") -> None:
     """Prints a table of the first rows of an answer, and says what of it is left out."""
-    first = answer.head(_SHOWN)
+    first = answer.head(_SHOWN).map(_as_list)
     shown = first.map(_cut)
     title = counted(len(answer), "row")
     if len(answer) > _SHOWN:
@@ -66,6 +66,13 @@ def _show_answer(answer: "pd.DataFrame") -> None:
         title += "; --csv prints long texts whole"
 
     output.frame(title, shown)
+
+
+def _as_list(cell: Any) -> Any:
+    """Returns a cell; of an array, whose own text leaves out the middle, that of its list."""
+    if getattr(cell, "ndim", 0):
+        return str(cell.tolist())
+    return cell
 
 
 def _cut(cell: Any) -> Any:

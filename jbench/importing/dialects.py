@@ -1,7 +1,6 @@
 """Learning curves of any environment in files of the forms in which people publish and log them."""
 
 import re
-from codecs import BOM_UTF8
 from collections.abc import Callable, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
@@ -14,12 +13,14 @@ from jbench.importing import tables
 from jbench.importing.event_file import Events, read_event_file
 from jbench.importing.folder import curve_files
 from jbench.importing.foreign import is_of_tensorboard
+from jbench.importing.imported_file import ImportedFile, open_file
 from jbench.importing.json_curves import curves_by_task, listed_curves
 from jbench.importing.named_columns import read_named_columns
 from jbench.importing.path_names import PathNames, names_in_path, notes_on_names
-from jbench.importing.readers import Series, read_evaluations, read_monitor
+from jbench.importing.readers import Series
 from jbench.importing.request import EVALUATION_TAG, TAGS
 from jbench.importing.resumed import continued, in_order
+from jbench.importing.sb3_files import read_evaluations, read_monitor
 from jbench.names import ReturnsName
 from jbench.wording import counted, in_prose
 
@@ -47,7 +48,7 @@ def read_curves(path: Path, returns: ReturnsName = "evaluation") -> tables.Curve
     parts = []
     of_tensorboard = []
     found = curve_files(path, returns)
-    for file in map(tables.open_file, found.files):
+    for file in map(open_file, found.files):
         if is_of_tensorboard(file.content):
             of_tensorboard.append(file)
         else:
@@ -68,9 +69,9 @@ def read_curves(path: Path, returns: ReturnsName = "evaluation") -> tables.Curve
     return tables.CurveFile(_checked(points, path), notes)
 
 
-def _read(file: tables.ImportedFile, returns: ReturnsName) -> tables.CurveFile:
+def _read(file: ImportedFile, returns: ReturnsName) -> tables.CurveFile:
     """Reads a file by its first bytes, whatever its name is."""
-    start = file.content.removeprefix(BOM_UTF8).lstrip()
+    start = file.content.lstrip()
     if start.startswith(b"{"):
         return tables.CurveFile(curves_by_task(file), [])
     if start.startswith(b"["):
@@ -119,7 +120,7 @@ def _checked(points: pd.DataFrame, path: Path) -> pd.DataFrame:
     return points
 
 
-def _from_evaluations(file: tables.ImportedFile) -> tables.CurveFile:
+def _from_evaluations(file: ImportedFile) -> tables.CurveFile:
     """Reads the evaluations of a run of stable-baselines3, whose names are those of folders."""
     points = read_evaluations(file)
     if points.empty:
@@ -136,7 +137,7 @@ def _from_evaluations(file: tables.ImportedFile) -> tables.CurveFile:
     return tables.CurveFile(_labelled(means, names), [], [names])
 
 
-def _from_monitor(file: tables.ImportedFile, returns: ReturnsName) -> tables.CurveFile:
+def _from_monitor(file: ImportedFile, returns: ReturnsName) -> tables.CurveFile:
     """Reads the training episodes of a run, of which a later part may have been appended."""
     monitor = read_monitor(file)
     names = names_in_path(file.path)
@@ -165,7 +166,7 @@ def _note_on_training(source: str) -> str:
 
 
 def _from_events(
-    files: Sequence[tables.ImportedFile], returns: ReturnsName, path: Path
+    files: Sequence[ImportedFile], returns: ReturnsName, path: Path
 ) -> tables.CurveFile:
     """Reads the returns of runs in TensorBoard, whose names are those of folders.
 
@@ -238,7 +239,7 @@ def _notes_on_events(left_out: Mapping[str, Sequence[str]], empty: Sequence[Path
 
 
 def _scalars(
-    file: tables.ImportedFile, events: Events, seed: int, returns: ReturnsName
+    file: ImportedFile, events: Events, seed: int, returns: ReturnsName
 ) -> tuple[Series, str]:
     """Returns the returns in a file of TensorBoard, and what is said of other tags; "" of none."""
     scalars = events.scalars

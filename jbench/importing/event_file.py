@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jbench.errors import RequestError
-from jbench.importing.tables import ImportedFile
+from jbench.importing.imported_file import ImportedFile
 
 _FRAME = 16  # bytes of a record around its data: its length, and two checksums
 

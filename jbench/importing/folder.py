@@ -1,6 +1,7 @@
 """The files of a folder that have learning curves."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from fnmatch import fnmatchcase
 from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
@@ -38,7 +39,8 @@ def curve_files(path: Path, returns: ReturnsName) -> Found:
     """Returns the files of a folder that have curves, of the kind of return that is asked for.
 
     They are of the first kind of file that the folder has. Reports and records of jbench have no
-    curves of others. Raises a RequestError if there are none.
+    curves of others, and neither have hidden files, such as those that macOS and Jupyter put beside
+    files. Raises a RequestError if there are none.
     """
     if not path.is_dir():
         return Found([path])
@@ -48,9 +50,10 @@ def curve_files(path: Path, returns: ReturnsName) -> Found:
         of_sb3.reverse()
 
     kinds = [*of_sb3, ("*.csv", "*.json"), ("progress.txt",), ("*.tfevents.*",)]
-    records = {file.parent for file in path.rglob(MANIFEST) if _is_of_record(file)}
-    reports = {file.parent for file in path.rglob(LISTING) if file.with_name(PAGE).is_file()}
-    by_kind = [_matches(path, patterns, records | reports) for patterns in kinds]
+    visible = [file for file in sorted(path.rglob("*")) if _is_visible_file(file, path)]
+    records = {each.parent for each in visible if each.name == MANIFEST and _is_of_record(each)}
+    reports = {each.parent for each in visible if _is_of_report(each)}
+    by_kind = [_matches(visible, patterns, records | reports) for patterns in kinds]
     files_of_first_kind = next(filter(None, by_kind), [])
     if not files_of_first_kind and records:
         raise RequestError(
@@ -69,10 +72,25 @@ def curve_files(path: Path, returns: ReturnsName) -> Found:
     return Found(files_of_first_kind, [*others])
 
 
-def _matches(folder: Path, patterns: Sequence[str], left_out: set[Path]) -> list[Path]:
-    """Returns the files below a folder that match a pattern, but none in folders to leave out."""
-    files = chain.from_iterable(map(folder.rglob, patterns))
-    return sorted(file for file in files if left_out.isdisjoint(file.parents))
+def _is_visible_file(path: Path, folder: Path) -> bool:
+    """Returns whether a path is a file, of whose names below a folder none is hidden."""
+    is_hidden = any(part.startswith(".") for part in path.relative_to(folder).parts)
+    return not is_hidden and path.is_file()
+
+
+def _matches(files: Iterable[Path], patterns: Sequence[str], left_out: set[Path]) -> list[Path]:
+    """Returns the files that match a pattern in any case, but none in folders to leave out."""
+    return [
+        file
+        for file in files
+        if any(fnmatchcase(file.name.lower(), pattern) for pattern in patterns)
+        and left_out.isdisjoint(file.parents)
+    ]
+
+
+def _is_of_report(file: Path) -> bool:
+    """Returns whether a file is the list of the files of a report of jbench."""
+    return file.name == LISTING and file.with_name(PAGE).is_file()
 
 
 def _is_of_record(manifest: Path) -> bool:

@@ -10,10 +10,11 @@ import numpy as np
 import pandas as pd
 
 from jbench.errors import RequestError
+from jbench.importing.imported_file import ImportedFile, open_file
 from jbench.importing.readers import FORMATS, Series
 from jbench.importing.request import ImportRequest
 from jbench.importing.resumed import continued, in_order
-from jbench.importing.tables import MAX_STEPS, ImportedFile, open_file
+from jbench.importing.tables import MAX_STEPS
 from jbench.settings.records import ImportSettings, Labels
 from jbench.store import Results, schema
 from jbench.store.manifest import check_settings

@@ -1,6 +1,5 @@
 """JSON files with the learning curves of many runs, as HumanoidBench and DreamerV3 publish them."""
 
-from codecs import BOM_UTF8
 from collections.abc import Sequence
 from typing import TypeVar
 
@@ -9,8 +8,8 @@ import pandas as pd
 from pydantic import BaseModel, Field, FiniteFloat, TypeAdapter, ValidationError
 
 from jbench.errors import RequestError
+from jbench.importing.imported_file import ImportedFile
 from jbench.importing.request import parse_seed
-from jbench.importing.tables import ImportedFile
 
 _Curves = TypeVar("_Curves")
 
@@ -81,7 +80,7 @@ def listed_curves(file: ImportedFile) -> pd.DataFrame:
 def _validated(file: ImportedFile, kind: TypeAdapter[_Curves], form: str) -> _Curves:
     """Returns the curves in a file; raises a RequestError that says the form if it has another."""
     try:
-        return kind.validate_json(file.content.removeprefix(BOM_UTF8))
+        return kind.validate_json(file.content)
     except ValidationError as error:
         first = error.errors(include_input=False)[0]
 

@@ -10,6 +10,7 @@ import pandas as pd
 
 from jbench.errors import RequestError
 from jbench.importing import tables
+from jbench.importing.imported_file import ImportedFile
 from jbench.importing.path_names import PathNames, names_in_path, without_seed
 from jbench.importing.request import EVALUATION_TAG, RETURN, STEPS, TAGS
 from jbench.importing.wandb_chart import is_chart, read_chart
@@ -66,7 +67,7 @@ _VALUE = "value"
 """Columns of a file that has a row for each value of each metric."""
 
 
-def read_named_columns(file: tables.ImportedFile) -> tables.CurveFile:
+def read_named_columns(file: ImportedFile) -> tables.CurveFile:
     """Reads a CSV file with a row for each point, or for each value of each metric.
 
     Raises:
@@ -122,7 +123,7 @@ def read_named_columns(file: tables.ImportedFile) -> tables.CurveFile:
 
 
 def _notes_on_empty_runs(
-    every: pd.DataFrame, kept: pd.DataFrame, labels: Sequence[str], file: tables.ImportedFile
+    every: pd.DataFrame, kept: pd.DataFrame, labels: Sequence[str], file: ImportedFile
 ) -> list[str]:
     """Returns a note on the runs of a file without any return, which may have failed.
 
@@ -155,7 +156,7 @@ def _notes_on_empty_runs(
     ]
 
 
-def _lacks(role: str, table: pd.DataFrame, file: tables.ImportedFile) -> RequestError:
+def _lacks(role: str, table: pd.DataFrame, file: ImportedFile) -> RequestError:
     """Returns the error for a file that lacks a column."""
     advice = "add or rename it"
     if role == "seed":
@@ -199,9 +200,7 @@ def _by_usual_name(table: pd.DataFrame) -> dict[str, str]:
     return {_usual(column): column for column in reversed(list(map(str, table)))}
 
 
-def known_columns(
-    table: pd.DataFrame, file: tables.ImportedFile
-) -> tuple[dict[str, str], list[str]]:
+def known_columns(table: pd.DataFrame, file: ImportedFile) -> tuple[dict[str, str], list[str]]:
     """Returns the column of each role that a table has, and notes on others that may be meant.
 
     The roles are method, task, seed, steps and return.
@@ -237,7 +236,7 @@ def _usual(column: str) -> str:
 
 
 def _only_returns(
-    table: pd.DataFrame, metric: str, file: tables.ImportedFile
+    table: pd.DataFrame, metric: str, file: ImportedFile
 ) -> tuple[pd.DataFrame, list[str]]:
     """Returns the rows of the only metric that is a return, and a note if there may be doubt."""
     metrics = [str(name) for name in table[metric].unique()]

@@ -3,22 +3,22 @@
 A `RequestError` says what is wrong with a file that is cut off or not of its format.
 """
 
-import io
-import json
+import shlex
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from jbench.errors import RequestError
+from jbench.errors import RequestError, WorkWarning
 from jbench.importing.event_file import read_event_file
+from jbench.importing.imported_file import ImportedFile
 from jbench.importing.named_columns import known_columns, single_steps
 from jbench.importing.request import RETURN, STEPS, TAGS, ImportRequest
+from jbench.importing.sb3_files import read_evaluations, read_monitor
 from jbench.importing.tables import (
-    ImportedFile,
     check_column,
     numbers,
     read_table,
@@ -29,9 +29,9 @@ from jbench.importing.wandb_chart import NOT_CONTROL_STEPS, columns_of_runs
 from jbench.names import TASKS, ImportFormat, ReturnsName
 from jbench.registration import environment_id
 from jbench.task_specs import SUITE_TASKS
+from jbench.wording import in_prose
 
-_MAX_TIME = 1e12  # s since 1970; excludes NaN and infinity
-_ARRAYS = ("timesteps", "results", "ep_lengths")
+_LISTED = 3  # names in a message
 
 
 class Series(NamedTuple):
@@ -53,7 +53,7 @@ class Series(NamedTuple):
 def _read_csv(file: ImportedFile, request: ImportRequest) -> list[Series]:
     """Returns the learning curve of each seed of a file with a row per point."""
     table = read_table(file)
-    known, _ = known_columns(table, file)
+    known, notes = known_columns(table, file)
     columns = {
         "steps": request.steps_column or known.get("steps", STEPS[0]),
         "return": request.return_column or known.get("return", RETURN[0]),
@@ -67,13 +67,35 @@ def _read_csv(file: ImportedFile, request: ImportRequest) -> list[Series]:
             option = f"--seed-from REGEX, or {option}"
         check_column(table, column, file, f"type {option} with one of")
 
+    if request.return_column is None:
+        for note in notes:
+            warnings.warn(note, WorkWarning, stacklevel=2)
+
     points = _points(table, columns, file)
     kind = request.returns_kind(columns["return"])
     if "seed" not in columns:
-        return [Series(file, request.seed_in(str(file.path)), kind, points, columns)]
+        points["seed"] = request.seed_in(str(file.path))
 
+    labels = [known[role] for role in ("task", "method") if role in known]
     by_seed: Any = points.groupby("seed")
+    for seed, rows in by_seed:
+        _check_is_one_run(table.loc[rows.index, labels], seed, file)
+
     return [Series(file, seed, kind, rows, columns) for seed, rows in by_seed]
+
+
+def _check_is_one_run(labels: pd.DataFrame, seed: int, file: ImportedFile) -> None:
+    """Raises a RequestError if the rows of a seed have several tasks or methods, in any column."""
+    for column in labels:
+        names = [*filter(None, labels[column].str.strip().unique())]
+        if len(names) > 1:
+            if len(names) > _LISTED:
+                names[_LISTED:] = ["others"]
+            raise RequestError(
+                f"{file.path}: seed {seed} has rows of {in_prose(names, 'and')} in the column "
+                f"{column!r}, and an import is of one; keep its rows, or compare all of them by "
+                f"jbench report --curves {shlex.quote(str(file.path))}."
+            )
 
 
 def _read_wandb(file: ImportedFile, request: ImportRequest) -> list[Series]:
@@ -144,93 +166,10 @@ def _read_monitor(file: ImportedFile, request: ImportRequest) -> list[Series]:
     return [Series(file, request.seed_in(str(file.path)), "training", monitor.points)]
 
 
-class Monitor(NamedTuple):
-    """The file of a Monitor of stable-baselines3, which has the episodes of one environment.
-
-    Points are episode_return, length, wall_time (of the clock, in s) and control_steps.
-    """
-
-    env_id: str  # of Gymnasium; empty if unknown
-    points: pd.DataFrame
-    restarts: list[int]  # lines at which the time goes back, as after a training was resumed
-
-
-def read_monitor(file: ImportedFile) -> Monitor:
-    """Reads the file of a Monitor; a later restart counts on from the episode before it."""
-    first, _, _ = file.content.partition(b"\n")
-    try:
-        head = json.loads(first.removeprefix(b"#"))
-        start = head["t_start"]
-    except (ValueError, TypeError, KeyError):
-        start = None
-
-    is_head = first.startswith(b"#") and isinstance(start, int | float)
-    if not is_head or not abs(start) < _MAX_TIME:
-        raise RequestError(
-            f'{file.path}, line 1: not a file of a Monitor, which begins with {{"t_start": …}} '
-            "after a #."
-        )
-
-    appended = file.content.find(b"\n#")
-    if appended >= 0:
-        line = file.content[:appended].count(b"\n") + 2
-        raise RequestError(
-            f"{file.path}, line {line}: the file of a second Monitor was appended; split the file "
-            "there."
-        )
-
-    columns = {"episode_return": "r", "length": "l", "wall_time": "t"}
-    points = numbers(read_table(file, skip=1), columns, file)
-    back = points["wall_time"].diff() < 0
-    lost = points["wall_time"].shift().where(back, 0.0).cumsum()
-    points["wall_time"] += start + lost
-    points["control_steps"] = points["length"].cumsum()
-    return Monitor(str(head.get("env_id") or ""), points, [*points.index[back]])
-
-
 def _read_evaluations(file: ImportedFile, request: ImportRequest) -> list[Series]:
     """Returns the episodes of all evaluations of an `EvalCallback` of stable-baselines3."""
     points = read_evaluations(file)
     return [Series(file, request.seed_in(str(file.path)), "evaluation", points)]
-
-
-def read_evaluations(file: ImportedFile) -> pd.DataFrame:
-    """Returns point, control_steps, episode, episode_return and length of an evaluations.npz."""
-    try:
-        with np.load(io.BytesIO(file.content), allow_pickle=False) as saved:
-            arrays = {n: saved[n].astype(np.float64) for n in _ARRAYS if n in saved}
-    except Exception as error:  # a damaged file may raise almost any
-        reason = "it is no archive of arrays"
-        if file.content.startswith(b"PK"):
-            reason = next(iter(str(error).splitlines()), type(error).__name__)
-        raise RequestError(
-            f"{file.path} is cut off, or not an evaluations.npz ({reason})."
-        ) from None
-
-    missing = [name for name in _ARRAYS if name not in arrays]
-    if missing:
-        raise RequestError(f"{file.path} is not of an EvalCallback: no {', '.join(missing)}.")
-
-    steps, returns, lengths = map(_numbers_of_episodes, arrays.values())
-    shapes = [array.shape for array in (steps, returns, lengths)]
-    dimensions = [len(shape) for shape in shapes]
-    if dimensions != [1, 2, 2] or shapes[0] != shapes[1][:1] or shapes[1] != shapes[2]:
-        raise RequestError(
-            f"{file.path} is not of an EvalCallback: its arrays have the shapes "
-            f"{', '.join(map(str, shapes))}."
-        )
-
-    point, episode = (index.ravel() for index in np.indices(returns.shape))
-    values = {"episode_return": returns.ravel(), "length": lengths.ravel()}
-    columns = {"point": point, "control_steps": steps[point], "episode": episode, **values}
-    return pd.DataFrame(columns, pd.Index(point + 1, name="evaluation"))
-
-
-def _numbers_of_episodes(array: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns an array without its last axis if that has one number, as returns of some have."""
-    if array.ndim == 3 and array.shape[-1] == 1:
-        return array[..., 0]
-    return array
 
 
 def _read_events(file: ImportedFile, request: ImportRequest) -> list[Series]:

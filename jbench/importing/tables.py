@@ -1,26 +1,28 @@
-"""Files to import, and the rows of those that are CSV.
+"""The rows of CSV files.
 
 A `RequestError` says what is wrong with a file that is cut off or not of its format.
 """
 
 import csv
-import hashlib
 import io
 import re
-from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from jbench.errors import RequestError
-from jbench.importing.foreign import is_of_tensorboard, refuse_foreign
+from jbench.importing.foreign import is_of_tensorboard
+from jbench.importing.imported_file import ImportedFile
 from jbench.importing.path_names import PathNames
 from jbench.importing.request import parse_seed
-from jbench.importing.written_numbers import correction_of, has_decimal_commas
+from jbench.importing.written_numbers import (
+    correction_of,
+    has_decimal_commas,
+    may_have_thousands,
+)
 
 MAX_STEPS = 1 << 53
 """Largest number of control steps; float64 counts no further."""
@@ -32,14 +34,6 @@ _SEPARATORS = ",;\t|"
 
 _COMMENT = ("#", "%")
 """First characters of lines above the header that are comments."""
-
-
-class ImportedFile(NamedTuple):
-    """A file to import, read at once."""
-
-    path: Path
-    content: bytes
-    sha256: str
 
 
 class CurveFile(NamedTuple):
@@ -54,22 +48,6 @@ class CurveFile(NamedTuple):
     points: pd.DataFrame
     notes: list[str]
     named: Sequence[PathNames] = ()
-
-
-def open_file(path: Path) -> ImportedFile:
-    """Returns a file with its content, which must not be empty."""
-    try:
-        content = path.read_bytes()
-    except IsADirectoryError:
-        raise RequestError(f"{path} is a directory; name the files in it.") from None
-    except OSError as error:
-        raise RequestError(f"{path} can't be read ({error.strerror}).") from None
-
-    refuse_foreign(path, content)
-    if not content.removeprefix(BOM_UTF8).strip():
-        raise RequestError(f"{path} is empty; leave the file out.")
-
-    return ImportedFile(path, content, hashlib.sha256(content).hexdigest())
 
 
 def read_table(file: ImportedFile, skip: int = 0, *, ends_line: bool = True) -> pd.DataFrame:
@@ -127,23 +105,16 @@ def read_table(file: ImportedFile, skip: int = 0, *, ends_line: bool = True) -> 
 
 
 def _text(file: ImportedFile) -> str:
-    """Returns the text of a file, in UTF-8 or, as Excel writes it, in UTF-16."""
+    """Returns the text of a file in UTF-8."""
     if is_of_tensorboard(file.content):
         raise RequestError(
             f"{file.path} is a file of TensorBoard, not CSV; type --from tensorboard."
         )
 
-    encoding = "utf-8-sig"
-    if file.content.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
-        encoding = "utf-16"
-
     try:
-        text = file.content.decode(encoding)
+        text = file.content.decode()
     except UnicodeDecodeError:
         text = "\0"
-
-    if not text.strip():
-        raise RequestError(f"{file.path} is empty; leave the file out.")
 
     if "\0" in text:
         raise RequestError(
@@ -269,22 +240,35 @@ def check_column(
 
 
 def numbers(table: pd.DataFrame, columns: Mapping[str, str], file: ImportedFile) -> pd.DataFrame:
-    """Returns columns of `read_table`, each by its new name, as finite numbers."""
+    """Returns columns of `read_table`, each by its new name, as finite numbers.
+
+    Raises a RequestError for a text that is none, and beside a column with decimal commas for one
+    such as 1.000, whose point may stand between thousands.
+    """
+    for column in columns.values():
+        check_column(table, column, file)
+
+    texts = {column: table[column].str.strip() for column in columns.values()}
+    with_commas = [column for column, each in texts.items() if has_decimal_commas(each.tolist())]
     frame = pd.DataFrame(index=table.index)
     for name, column in columns.items():
-        check_column(table, column, file)
-        texts = table[column]
-        if has_decimal_commas(texts.str.strip().tolist()):
-            texts = texts.str.replace(",", ".")
+        problem = "is not a finite number"
+        written = texts[column]
+        if column in with_commas:
+            written = written.str.replace(",", ".")
 
-        values = pd.to_numeric(texts, errors="coerce").to_numpy(np.float64)
-        bad = np.flatnonzero(~np.isfinite(values))
-        if len(bad):
-            line = table.index[bad[0]]
-            text = table[column].iloc[bad[0]]
+        values = pd.to_numeric(written, errors="coerce").to_numpy(np.float64)
+        is_bad = ~np.isfinite(values)
+        if with_commas and column not in with_commas and not is_bad.any():
+            problem = f"may be in thousands, since {with_commas[0]} has decimal commas"
+            is_bad = written.map(may_have_thousands).to_numpy(bool)
+
+        if is_bad.any():
+            line = table.index[is_bad][0]
+            text = table.loc[line, column]
             raise RequestError(
-                f"{file.path}, line {line}: {column} is {text[:40]!r}, which is not a finite "
-                f"number; {correction_of(text)}."
+                f"{file.path}, line {line}: {column} is {text[:40]!r}, which {problem}; "
+                f"{correction_of(text)}."
             )
 
         frame[name] = values

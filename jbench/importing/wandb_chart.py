@@ -7,8 +7,9 @@ W&B has averaged.
 import pandas as pd
 
 from jbench.errors import RequestError
+from jbench.importing.imported_file import ImportedFile
 from jbench.importing.path_names import names_of_run
-from jbench.importing.tables import CurveFile, ImportedFile, numbers, rows_with_value
+from jbench.importing.tables import CurveFile, numbers, rows_with_value
 
 NOT_CONTROL_STEPS = ("Step", "Wall Time", "Relative Time (Wall)", "Relative Time (Process)")
 """Axes of W&B that are none of a training's control steps: `Step` counts calls of `wandb.log`."""

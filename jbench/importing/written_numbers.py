@@ -1,6 +1,8 @@
 """Numbers as people and spreadsheets write them."""
 
+import math
 import re
+import unicodedata
 
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?")
 """A number with commas between thousands, such as 1,000 or 1,234.5."""
@@ -10,6 +12,9 @@ _DECIMAL_COMMA = re.compile(r"[-+]?\d+(,\d+)?([eE][-+]?\d+)?")
 
 _POINTS_AND_COMMA = re.compile(r"[-+]?\d{1,3}(\.\d{3})+,\d+")
 """A number with points between thousands and a decimal comma, such as 1.234,5."""
+
+_POINTS = re.compile(r"[-+]?[1-9]\d{0,2}(\.\d{3})+")
+"""A number with points between thousands and no decimals, such as 1.000 or 1.234.567."""
 
 _SPACED = re.compile(r"[-+]?\d{1,3}([ '_\u00a0\u2009\u202f]\d{3})+(\.\d*)?")
 """A number with spaces, apostrophes or underscores between thousands."""
@@ -32,11 +37,26 @@ def has_decimal_commas(texts: list[str]) -> bool:
     return any(not _THOUSANDS.fullmatch(text) for text in with_comma)
 
 
+def may_have_thousands(text: str) -> bool:
+    """Returns whether the points of a number may stand between thousands, as in 1.000."""
+    return _POINTS.fullmatch(text) is not None
+
+
 def correction_of(text: str) -> str:
-    """Returns what to type instead of a text that is no finite number, as the end of a sentence."""
+    """Returns what to type instead of a text that is no clear number, as the end of a sentence."""
     text = text.strip()
     if text.lower() in _MISSING:
         return "remove that line"
+
+    if may_have_thousands(text):
+        correction = f"write {text.replace('.', '')}"
+        if text.count(".") == 1:
+            correction += f", or {text.replace('.', ',')} if that is a decimal point"
+        return correction
+
+    number = _number_in_any_script(text)
+    if math.isfinite(number):
+        return f"write {number:.15g}"
 
     if unit := _UNIT.fullmatch(text):
         return f"write {float(unit[1]) * _UNITS[unit[2].lower()]:.15g}"
@@ -53,7 +73,16 @@ def correction_of(text: str) -> str:
             correction += f", or {text.replace(',', '.')} if that is a decimal comma"
         return correction
 
-    if _DECIMAL_COMMA.fullmatch(text):
+    if "," in text and _DECIMAL_COMMA.fullmatch(text):
         return f"write {text.replace(',', '.')}"
 
     return "correct it, or remove that line"
+
+
+def _number_in_any_script(text: str) -> float:
+    """Returns a number whose digits or minus sign are not those of ASCII; NaN if it is none."""
+    ascii_sign = unicodedata.normalize("NFKC", text).replace("\N{MINUS SIGN}", "-")
+    try:
+        return float(ascii_sign)
+    except ValueError:
+        return math.nan

@@ -88,7 +88,10 @@ def read_sb3_zip(path: str, task: str) -> SavedNetwork:
             weights = _weights(file.read("policy.pth"))
         form = _find_form(data, weights)
         layers = _layers(form, data, weights)
-        sizes = SavedNetwork(layers).sizes
+        network = SavedNetwork(layers)
+        sizes = network.sizes
+        with np.errstate(all="ignore"):
+            network.act(np.zeros((1, sizes[0]), np.float32))  # fails if layers don't fit together
         bounds = _action_bounds(data)
     except UnsupportedPolicyError as error:
         raise RequestError(
@@ -97,6 +100,13 @@ def read_sb3_zip(path: str, task: str) -> SavedNetwork:
     except Exception as error:  # a damaged file may raise almost any
         reason = str(error) or type(error).__name__
         raise RequestError(f"{path} is no saved model of stable-baselines3 ({reason}).") from None
+
+    arrays = (array for layer in layers for array in layer.arrays.values())
+    if not all(np.isfinite(array).all() for array in arrays):
+        raise RequestError(
+            f"{path} has weights that are not finite, as of a training that diverged; name a model "
+            "that was saved before that."
+        )
 
     inputs, outputs = sizes
     wanted = find_task(task)
@@ -145,6 +155,10 @@ def _layers(
 
     first, *others = [*_linear(form.hidden, weights), *_linear(form.last, weights)]
     layers: list[SavedLayer] = [first]
+    for linear in (first, *others):
+        if linear.weight.ndim != 2:
+            raise UnsupportedPolicyError("it has other layers than linear ones")
+
     for linear in others:
         layers += [_ACTIVATIONS[name], linear]
 

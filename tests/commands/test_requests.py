@@ -122,6 +122,7 @@ def test_train_sweep_and_record_evaluate_at_the_same_steps(tmp_path, document, b
         (("collect", "--steps", "1000", "--results="), "--results"),
         (("report", "--results", "reference", "--out", ""), "--out"),
         (("export", "face_direction/td3", "--out="), "--out"),
+        (("render", "heuristic", "--out="), "--out"),
         (("leaderboard", ""), "DIR"),
         (("merge", "--results", "results", ""), "DIR"),
         (("import", "--from=csv", "--task=face_direction", "--algo=a", ""), "FILE"),
@@ -132,6 +133,17 @@ def test_empty_path_is_refused(arguments, typed, tmp_path, monkeypatch, refused)
     monkeypatch.chdir(tmp_path)
     expected = f"Error: Invalid value for '{typed}': it is empty; type . for the working directory;"
     assert refused(*arguments).startswith(expected)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("option", ["--out=~/a.zip", "--results=~"])
+def test_home_directory_that_the_shell_has_left_is_refused(option, tmp_path, monkeypatch, refused):
+    """A directory of the name ~ is easily taken for the home directory, also by `rm -r ~`."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOME", "/home/ada")
+    typed = option.partition("=")[2]
+    expected = f"{typed}: your shell has left the ~ as it is; type /home/ada{typed[1:]};"
+    assert expected in refused("archive", option)
     assert not list(tmp_path.iterdir())
 
 
@@ -182,10 +194,15 @@ def test_query_of_published_curves_needs_no_results_and_is_cut(
     printed = capsys.readouterr().out
     assert printed.startswith("101 rows, the first 100 shown; --csv prints all")
     assert printed.count("vector-exact") == 100
-    # JSON is cut, and a sentence is not.
-    for text, shown in (("{" + "x" * 80, "{" + "x" * 78 + "…"), ("x" * 81, "x" * 81)):
+    # JSON and a list are cut, and a sentence is not.
+    for sql, shown in (
+        ("'{" + "x" * 80 + "'", "{" + "x" * 78 + "…"),
+        ("range(1500)", f"{str([*range(30)])[:79]}…"),
+        ("[1, NULL]", "[1, None]"),
+        ("'" + "x" * 81 + "'", "x" * 81),
+    ):
         monkeypatch.setenv("COLUMNS", "100")
-        assert main(["query", f"SELECT '{text}' AS long", "--results", "reference"]) == 0
+        assert main(["query", f"SELECT {sql} AS long FROM published LIMIT 1"]) == 0
         printed = capsys.readouterr().out
         assert printed.startswith("1 row; --csv prints long texts whole") == ("…" in shown)
         assert shown in printed

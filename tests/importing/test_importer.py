@@ -129,6 +129,33 @@ def test_columns_are_known_by_the_names_that_report_curves_knows(
     assert rows("imports")[4]["returns"].tolist() == ["training"]
 
 
+@pytest.mark.parametrize("returns", ["training", "evaluation"])
+def test_rows_of_several_methods_are_no_curve(returns, import_error, tmp_path):
+    file = tmp_path / "seed 7.csv"
+    file.write_text("algo,steps,return\ntd3,1000,5\ntd3,2000,6\nsac,3000,7\n sac,4000,8\n")
+    error = import_error("csv", file, more=("--returns", returns))
+    assert f"{file}: seed 7 has rows of td3 and sac in the column 'algo', and an import is" in error
+    assert f"by jbench report --curves '{file}'." in error
+
+
+def test_runs_of_seeds_may_have_names_of_their_own(imports, rows, tmp_path):
+    file = tmp_path / "runs.csv"
+    file.write_text("exp_name,seed,steps,return\ntd3_s0,0,1000,5\ntd3_s1,1,1000,6\n,1,2000,7\n")
+    assert imports("csv", file, seed_from=None)[0] == 0
+    assert {seed: frame["episode_return"].tolist() for seed, frame in rows().items()} == {
+        0: [5],
+        1: [6, 7],
+    }
+
+
+def test_return_that_is_not_imported_is_named(imports, tmp_path):
+    file = tmp_path / "seed1.csv"
+    file.write_text("steps,return,eval/mean_reward\n1000,5,6\n")
+    note = f"Warning: The return in {file.name} is return, not eval/mean_reward.\n"
+    assert imports("csv", file)[2] == note
+    assert imports("csv", file, more=("--return-column", "return"))[2] == ""
+
+
 def test_repeated_import_changes_nothing_and_reports_it(monitor_file, imports, tmp_path):
     file = monitor_file(1, EPISODES[1])
     assert imports("sb3-monitor", file)[0] == 0

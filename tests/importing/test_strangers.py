@@ -16,8 +16,8 @@ import pytest
 from jbench.cli import main
 from jbench.errors import RequestError
 from jbench.importing.dialects import read_curves
+from jbench.importing.imported_file import open_file
 from jbench.importing.request import parse_seed
-from jbench.importing.tables import open_file
 from jbench.importing.written_numbers import correction_of
 from jbench.report.figures.marks import shortened
 from jbench.report.frames import Frames
@@ -100,9 +100,37 @@ def test_commas_are_decimal_ones_where_they_can_be_no_others(texts, numbers, tmp
 
 
 @pytest.mark.parametrize(
+    ("steps", "returned", "says"),
+    [
+        ("1.000", "1,5", "steps is '1.000', which may be in thousands, since return has decimal "),
+        ("1000", "1,5", ""),
+        ("1.000", "15", ""),  # also without thousands, as "%.3f" writes it
+        ("0,5", "12.345", "write 12345, or 12,345 if that is a decimal point"),
+        ("1,5", "0.25", ""),  # no number has such points between thousands
+    ],
+)
+def test_points_beside_decimal_commas_may_stand_between_thousands(
+    steps, returned, says, tmp_path, import_error
+):
+    rows = f"seed;million_steps;return\n0;{steps};{returned}\n"
+    if steps.startswith("1"):
+        rows = rows.replace("million_steps", "steps").replace("1,5;0.25", "1;0.25")
+
+    file = written(tmp_path / "c.csv", rows)
+    if not says:
+        assert len(read_curves(file).points) == 1
+    else:
+        assert says in import_error("csv", file, seed_from=None)
+
+
+@pytest.mark.parametrize(
     ("text", "instead"),
     [
         ("1k", "write 1000"),
+        ("1.234.567", "write 1234567"),
+        ("\uff11\uff12", "write 12"),  # fullwidth digits
+        ("\N{MINUS SIGN}0.5", "write -0.5"),
+        ("1e400", "correct it, or remove that line"),
         ("0.5M", "write 500000"),
         ("1 000", "write 1000"),
         ("1'234.5", "write 1234.5"),
@@ -485,6 +513,38 @@ def test_return_that_is_not_shown_is_named(tmp_path):
     text = "method,task,seed,steps,episodic_return,score\nA,t,0,1,5,6\n"
     file = read_curves(written(tmp_path / "c.csv", text))
     assert file.notes == ["The return in c.csv is episodic_return, not score."]
+
+
+def test_folder_has_files_in_any_case_and_no_hidden_ones(tmp_path):
+    curves = "method,task,seed,steps,return\nA,t,0,1,5\n"
+    written(tmp_path / "A.CSV", curves)
+    (tmp_path / ".ipynb_checkpoints").mkdir()
+    written(tmp_path / ".ipynb_checkpoints" / "A-checkpoint.csv", curves)
+    (tmp_path / "._A.csv").write_bytes(b"\0\5\x16\7\0")  # of macOS
+    for name in ("of-plots.csv", "manifest.json"):
+        (tmp_path / name).mkdir()
+        written(tmp_path / name / "plot.txt", "")
+
+    file = read_curves(tmp_path)
+    assert file.points["return"].tolist() == [5]
+    assert file.notes == []
+
+
+@pytest.mark.parametrize("mark", ["utf-16", "utf-8-sig", "twice"])
+def test_mark_of_an_encoding_is_no_part_of_the_text(mark, tmp_path):
+    texts = {
+        "c.json": '{"t": {"A": {"seed_0": {"million_steps": [1], "return": [5]}}}}',
+        "c.csv": "task,method,seed,steps,return\nt,A,0,1000000,5\n",
+        "m.csv": '#{"t_start": 1.0, "env_id": "t"}\nr,l,t\n5,1000000,1\n',
+    }
+    for name, text in texts.items():
+        content = text.encode(mark.replace("twice", "utf-8-sig"))
+        if mark == "twice":
+            content = "\ufeff".encode() + content
+
+        (tmp_path / name).write_bytes(content)
+        points = read_curves(tmp_path / name, "training").points
+        assert points[["task", "steps", "return"]].to_numpy().tolist() == [["t", 1_000_000, 5]]
 
 
 def test_seeds_in_folders_are_of_one_task(tmp_path):

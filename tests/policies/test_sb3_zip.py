@@ -226,6 +226,35 @@ def test_weights_that_are_no_dictionary_of_tensors_are_refused(save):
             read_sb3_zip(path, FACE)
 
 
+def changed_weights(path, change):
+    """Changes the weights in the file of a model."""
+    with zipfile.ZipFile(path) as file:
+        weights = torch.load(io.BytesIO(file.read("policy.pth")))
+    change(weights)
+    replace_weights(path, weights)
+
+
+def test_model_of_a_training_that_diverged_is_refused(save):
+    """MuJoCo ignores actions that are not finite, so its returns would be those of no policy."""
+    for value in (np.nan, np.inf):
+        _, path = save(TD3)
+        changed_weights(path, lambda weights: weights["actor.mu.0.bias"].fill_(value))  # noqa: B023
+        with pytest.raises(RequestError, match="not finite, as of a training that diverged; name"):
+            read_sb3_zip(path, FACE)
+
+
+def test_layers_that_do_not_fit_or_are_not_linear_are_refused(save):
+    _, path = save(TD3)
+    changed_weights(path, lambda weights: weights.update({"actor.mu.2.weight": torch.ones(1, 5)}))
+    with pytest.raises(RequestError, match="is no saved model of stable-baselines3"):
+        read_sb3_zip(path, FACE)
+
+    normalizing = {"actor.mu.1.weight": torch.ones(8), "actor.mu.1.bias": torch.ones(8)}
+    changed_weights(path, lambda weights: weights.update(normalizing))
+    with pytest.raises(RequestError, match="it has other layers than linear ones; load the model"):
+        read_sb3_zip(path, FACE)
+
+
 def test_weights_of_another_precision_are_read(save):
     model, path = save(TD3)
     model.policy.to(torch.bfloat16)

@@ -320,3 +320,9 @@ def test_steps_are_abbreviated(steps, printed):
     assert numbers.steps(steps) == printed
     values = {"x": steps, "x_low": steps, "x_high": math.inf}
     assert with_ends("x", "x", numbers.steps).text(values) == f"{printed} [{printed}, later]"
+
+
+def test_numbers_that_are_not_finite_are_words():
+    values = (np.inf, -np.inf, np.nan)
+    assert [*map(numbers.signed, values)] == ["+infinite", "-infinite", "+nan"]
+    assert [*map(numbers.whole, values)] == ["infinite", "-infinite", "nan"]

@@ -6,8 +6,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from jbench.report.analysis import compare
 from jbench.report.analysis.compare import pair_frame
-from jbench.report.analysis.scores import seed_scores
+from jbench.report.analysis.scores import Pair, seed_scores
 from jbench.report.analysis.verdicts import VERDICTS
 from jbench.report.configurations import configuration_frame
 from jbench.report.data.curves import read_published
@@ -71,13 +72,16 @@ def test_frame_says_what_is_solved(fabric):
     assert solved == {"DDPG": "undecided", "SAC": "no", "TD3": "yes"}
 
 
-def test_configurations_trained_equally_long_are_paired(fabric):
+def test_configurations_trained_equally_long_are_paired(fabric, monkeypatch):
     for representation in ("full", "dae12"):
         fabric.flat(range(100, 700, 100), representation=representation)
     fabric.flat(range(100, 700, 100), algo="sac", episodes=80)
     fabric.flat([1, 2, 3, 4, 5], algo="ddpg")
+    scored = []
+    monkeypatch.setattr(compare, "Pair", lambda *sides: scored.append(sides) or Pair(*sides))
     found = pair_frame(fabric.configurations()[0], pd.DataFrame(columns=VERDICTS))
     assert list(found["a_label"]) == ["TD3 full", "TD3 dae12"]
+    assert len(scored) == 1  # of six pairs: a report of 3,000 runs has 100,000
     assert list(found["p"]) == [0.5, 0.5]
     assert not found["decided"].any()
 

@@ -168,6 +168,11 @@ def left_out(ours: Configurations, theirs: Configurations, pairs: Sequence[Pair]
     return notes
 
 
+def _with_enough_seeds(configurations: Configurations) -> list[Configuration]:
+    """Returns the configurations on the plain robot that may have a verdict."""
+    return [c for c in configurations if not c.robots and len(c.seeds) >= DECIDING_SEEDS]
+
+
 def pair_frame(configurations: Configurations, verdicts: pd.DataFrame) -> pd.DataFrame:
     """Returns the probability that a run of a has a higher final return than one of b, both ways.
 
@@ -177,12 +182,14 @@ def pair_frame(configurations: Configurations, verdicts: pd.DataFrame) -> pd.Dat
     permutation test has to confirm it.
     """
     compared: dict[tuple[Configuration, Configuration], Evidence] = {}
-    for pair in combinations((c for c in configurations if not c.robots), 2):
+    for pair in combinations(_with_enough_seeds(configurations), 2):
         # Resampled in an order of their own, so that the order on the page changes no number.
         first, other = sorted(pair, key=lambda c: (c.representation != FULL, c.representation))
+        if (first.task, first.trained) != (other.task, other.trained):
+            continue
+
         scored = Pair(first, other)
-        is_alike = first.task == other.task and first.trained == other.trained
-        if is_alike and scored.seeds >= DECIDING_SEEDS:
+        if scored.seeds >= DECIDING_SEEDS:
             compared[first, other] = scored.improvement()
 
     judged, _ = corrected_verdicts([*compared.values()])

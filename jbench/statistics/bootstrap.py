@@ -9,6 +9,7 @@ distribution.
 """
 
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -183,20 +184,14 @@ def samples(
     if fewest < MIN_SEEDS:
         return [Resampled(value, np.empty(0)) for value in values]
 
-    random = np.random.default_rng(0)
-    chosen = []
-    drawn = []
-    for strata in groups:
-        indices = [random.integers(len(seeds), size=(resamples, len(seeds))) for seeds in strata]
-        chosen.append(indices)
-        drawn.append([seeds[index] for seeds, index in zip(strata, indices, strict=True)])
-
+    sizes = tuple(tuple(len(seeds) for seeds in strata) for strata in groups)
+    drawn = _drawn(groups, _chosen(sizes, resamples))
     resampled = []
     for statistic, value in zip(statistics, values, strict=True):
         if statistic is probability_of_improvement:
             # The same numbers: comparing all pairs of seeds in each resample would take most of the
             # time of a report.
-            distribution = _improvements(groups, chosen)
+            distribution = _improvements(groups, _counts(sizes, resamples))
         else:
             distribution = statistic(*drawn)
         resampled.append(Resampled(value, distribution))
@@ -221,18 +216,49 @@ def _won(x: FloatArray, y: FloatArray) -> FloatArray:
     return np.asarray((ours > theirs) + 0.5 * (ours == theirs))
 
 
-def _improvements(groups: Sequence[Strata], chosen: Sequence[Sequence[IntArray]]) -> FloatArray:
+def _drawn(
+    groups: Sequence[Strata], chosen: Sequence[Sequence[IntArray]]
+) -> list[list[FloatArray]]:
+    """Returns the scores of the chosen seeds, (resamples, seeds) by group and task."""
+    return [
+        [seeds[index] for seeds, index in zip(strata, indices, strict=True)]
+        for strata, indices in zip(groups, chosen, strict=True)
+    ]
+
+
+@lru_cache(maxsize=4)
+def _chosen(sizes: tuple[tuple[int, ...], ...], resamples: int) -> list[list[IntArray]]:
+    """Returns which seeds resamples have, (resamples, seeds) by group and task.
+
+    They depend on the numbers of seeds only, of which a report has few, and hundreds of comparisons
+    of each.
+
+    Args:
+        sizes: numbers of seeds by group and task.
+    """
+    random = np.random.default_rng(0)
+    return [[random.integers(size, size=(resamples, size)) for size in group] for group in sizes]
+
+
+@lru_cache(maxsize=4)
+def _counts(sizes: tuple[tuple[int, ...], ...], resamples: int) -> list[list[FloatArray]]:
+    """Returns how often resamples have each seed, (resamples, seeds) by group and task."""
+    return [[_count(index) for index in indices] for indices in _chosen(sizes, resamples)]
+
+
+def _count(index: IntArray) -> FloatArray:
+    """Returns how often each row (resamples, seeds) of indices has each seed."""
+    rows = np.arange(len(index))[:, None] * index.shape[1]
+    flat = np.bincount((rows + index).ravel(), minlength=index.size)
+    return flat.reshape(index.shape).astype(np.float64)
+
+
+def _improvements(groups: Sequence[Strata], counts: Sequence[Sequence[FloatArray]]) -> FloatArray:
     """Returns `probability_of_improvement` of each resample, from how often it has each seed."""
-
-    def counts(index: IntArray) -> FloatArray:  # of each seed in each resample
-        rows = np.arange(len(index))[:, None] * index.shape[1]
-        flat = np.bincount((rows + index).ravel(), minlength=index.size)
-        return flat.reshape(index.shape).astype(np.float64)
-
     shares = []
-    for x, y, ours, theirs in zip(*groups, *chosen, strict=True):
+    for x, y, ours, theirs in zip(*groups, *counts, strict=True):
         # Sums of halves have no rounding errors.
-        won = np.einsum("ij,ij->i", counts(ours) @ _won(x, y), counts(theirs))
+        won = np.einsum("ij,ij->i", ours @ _won(x, y), theirs)
         shares.append(won / (len(x) * len(y)))
 
     return np.asarray(np.mean(shares, axis=0))

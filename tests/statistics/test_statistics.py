@@ -111,6 +111,24 @@ def test_probability_of_improvement_has_one_distribution_however_it_is_computed(
     assert np.ptp(by_counts.drawn) > 0.1
 
 
+def test_resamples_that_are_kept_are_those_that_were_drawn():
+    """Of sizes that were asked for before, and of some whose resamples are no longer kept."""
+    random = np.random.default_rng(5)
+
+    def drawn(first, second):
+        scores = [random.normal(size=first)], [random.normal(size=second)]
+        (found,) = st.samples([st.difference(st.mean)], *scores, resamples=200)
+        generator = np.random.default_rng(0)
+        ours, theirs = (
+            side[0][generator.integers(len(side[0]), size=(200, len(side[0])))].mean(axis=1)
+            for side in scores
+        )
+        np.testing.assert_allclose(found.drawn, ours - theirs, rtol=1e-12, atol=1e-12)
+
+    for sizes in [(4, 6), (4, 6), (6, 4), *((3, other) for other in range(3, 12)), (4, 6)]:
+        drawn(*sizes)
+
+
 def test_interval_is_reproducible_and_needs_three_seeds():
     seeds = [np.array([1.0, 2.0, 4.0, 8.0])]
     assert st.estimate(mean, seeds) == st.estimate(mean, seeds)

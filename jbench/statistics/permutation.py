@@ -13,7 +13,7 @@ from itertools import combinations
 
 import numpy as np
 
-from jbench.array_types import IntArray
+from jbench.array_types import FloatArray, IntArray
 from jbench.statistics import ROUNDING
 from jbench.statistics.bootstrap import Strata
 
@@ -36,23 +36,43 @@ def p_value(ours: Strata, theirs: Strata) -> float:
     if not np.isfinite(scores).all():
         return 1.0
 
-    is_exact = len(ours) == 1 and math.comb(len(scores), len(ours[0])) <= RELABELINGS_OF_TEN_SEEDS
-    observed = 0.0
+    observed = sum(x.mean() - y.mean() for x, y in zip(ours, theirs, strict=True))
+    least = abs(observed) - ROUNDING * np.abs(scores).max()
+    if len(ours) == 1 and math.comb(len(scores), len(ours[0])) <= RELABELINGS_OF_TEN_SEEDS:
+        # Of all relabelings, the order of the scores does not matter.
+        relabeled = _all_relabeled(tuple(np.sort(scores).tolist()), len(ours[0]))
+        return float((np.abs(relabeled) >= least).mean())
+
     relabeled = np.zeros(1)
     for task, (x, y) in enumerate(zip(ours, theirs, strict=True)):
-        pooled = np.concatenate([x, y])
-        chosen = _chosen(len(x), len(y), None if is_exact else task)
-        means = pooled[chosen].mean(axis=1)
-        # Of all seeds, the others have what is left of the sum.
-        others = (pooled.sum() - len(x) * means) / len(y)
-        relabeled = relabeled + (means - others)
-        observed += x.mean() - y.mean()
+        chosen = _chosen(len(x), len(y), task)
+        relabeled = relabeled + _differences(np.concatenate([x, y]), chosen)
 
-    least = abs(observed) - ROUNDING * np.abs(scores).max()
     as_large = np.abs(relabeled) >= least
-    if is_exact:
-        return float(as_large.mean())
     return float((1 + as_large.sum()) / (1 + len(as_large)))
+
+
+@lru_cache(maxsize=16)
+def _all_relabeled(scores: tuple[float, ...], ours: int) -> FloatArray:
+    """Returns the difference of means of each relabeling, of which the first side has some seeds.
+
+    Ranks are the same in most comparisons of equally many seeds.
+    """
+    return _differences(np.array(scores), _chosen(ours, len(scores) - ours, None))
+
+
+def _differences(scores: FloatArray, chosen: IntArray) -> FloatArray:
+    """Returns the difference of means of each relabeling.
+
+    Args:
+        scores: (seeds,) of both sides.
+        chosen: (relabelings, ours) places of the scores of the first side.
+    """
+    count = chosen.shape[1]
+    means = scores[chosen].mean(axis=1)
+    # Of all seeds, the others have what is left of the sum.
+    others = (scores.sum() - count * means) / (len(scores) - count)
+    return np.asarray(means - others)
 
 
 @lru_cache(maxsize=16)

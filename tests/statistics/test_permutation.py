@@ -37,6 +37,18 @@ def test_separated_groups_have_the_least_p_value():
     assert p_value([low + 100], [low]) == pytest.approx(1 / (RELABELINGS_OF_TEN_SEEDS + 1))
 
 
+def test_the_order_of_seeds_and_earlier_tests_of_equal_scores_change_no_p_value():
+    # Ranks of two times six seeds, as most comparisons have them: 1 to 12.
+    divisions = [range(1, 7), [1, 2, 3, 4, 5, 12], [12, 1, 5, 3, 2, 4], range(7, 13), range(1, 7)]
+    p_values = []
+    for chosen in divisions:
+        others = [rank for rank in range(12, 0, -1) if rank not in chosen]
+        p_values.append(p_value([np.array(chosen, float)], [np.array(others, float)]))
+    # By hand: as far apart as 21 of 78 are 2 of 924 divisions. A sum of 27 or less: 1, 1, 2, 3, 5,
+    # 7 and 11 divisions have 21, 22, ... 27.
+    assert p_values == pytest.approx([2 / 924, 60 / 924, 60 / 924, 2 / 924, 2 / 924])
+
+
 def test_seeds_are_exchanged_within_tasks_only():
     ours = [np.array([5.0, 9, 7]), np.array([130.0, 90, 101])]
     theirs = [np.array([2.0, 6, 1]), np.array([100.0, 80, 97])]

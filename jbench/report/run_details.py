@@ -12,6 +12,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 import numpy as np
 import pandas as pd
 
+from jbench.array_types import FloatArray
 from jbench.report.data.source_names import OWN
 from jbench.report.frames import Frames
 from jbench.report.texts import clean
@@ -27,6 +28,12 @@ _FEW_POINTS = 5
 
 _ORIGIN = {"git revision": "commit", "processor": "processor", "command": "command"}
 """What the page shows of a run's provenance, and what it calls it."""
+
+_PATH = ["steps", "x", "y", "heading", "target_x", "target_y", "target_yaw"]
+"""Columns of the points of paths, without the names of runs."""
+
+_PLACE = slice(1, 3)
+"""Where x and y are among them."""
 
 _Key = tuple[str, str]  # source and id of a run
 _Value = TypeVar("_Value")
@@ -97,8 +104,9 @@ def run_details(frames: Frames) -> RunDetails:
     steps = _Places[tuple[int, ...]]()
     origins = _Places[str]()
     curves = _curves(frames, steps)
-    by_run = frames.paths.groupby(["source", "run"], sort=False)
-    paths = {key: list(_paths(rows)) for key, rows in by_run}
+    columns = frames.paths[_PATH].to_numpy(np.float64)
+    by_run = frames.paths.groupby(["source", "run"], sort=False).indices
+    paths = {key: list(_paths(columns[places])) for key, places in by_run.items()}
 
     details = []
     for row in frames.runs.to_dict("records"):
@@ -145,26 +153,27 @@ def _curves(frames: Frames, steps: _Places[tuple[int, ...]]) -> dict[_Key, list[
     return curves
 
 
-def _paths(rows: pd.DataFrame) -> Iterator[dict[str, Any]]:
+def _paths(rows: FloatArray) -> Iterator[dict[str, Any]]:
     """Yields the first and the last path of a run, without points at which the robot waits.
 
     A path has its `points` in tenths of a millimeter (x, y, x, y, ...), the last `heading` (rad),
     and, if they are known, x and y (m) and yaw (rad) of the target.
+
+    Args:
+        rows: (points, columns) of the run, with the columns `_PATH`.
     """
-    steps = sorted(rows["steps"].unique())
-    for at in dict.fromkeys((steps[0], steps[-1])):
-        path = rows[rows["steps"] == at]
-        last = path.iloc[-1]
-        path = path.iloc[np.linspace(0, len(path) - 1, min(len(path), _PATH_POINTS)).astype(int)]
+    steps = rows[:, 0]
+    for at in dict.fromkeys((steps.min(), steps.max())):
+        path = rows[steps == at]
+        last = dict(zip(_PATH, path[-1].tolist(), strict=True))
+        path = path[np.linspace(0, len(path) - 1, min(len(path), _PATH_POINTS)).astype(int)]
         numbers = {
             "x": last["target_x"],
             "y": last["target_y"],
             "yaw": last["target_yaw"],
             "heading": last["heading"],
         }
-        known = {
-            name: round(float(value), 3) for name, value in numbers.items() if np.isfinite(value)
-        }
-        points = (path[["x", "y"]].to_numpy(np.float64) * 1e4).round().astype(int)
+        known = {name: round(value, 3) for name, value in numbers.items() if np.isfinite(value)}
+        points = (path[:, _PLACE] * 1e4).round().astype(int)
         moved = np.append(True, (points[1:] != points[:-1]).any(axis=1))
         yield {**known, "points": points[moved].ravel().tolist()}

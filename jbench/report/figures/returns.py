@@ -68,9 +68,10 @@ def _draw_forest(
 ) -> None:
     """Draws a row for each configuration: its interval, and the final returns of its seeds."""
     seeds = seeds[seeds["configuration"].isin(rows["configuration"]) & seeds["final"].notna()]
+    of_each = dict(iter(seeds.groupby("configuration", sort=False)))
     for place, row in enumerate(rows.to_dict("records")):
         look = looks[row["look"]]
-        mine = seeds[seeds["configuration"] == row["configuration"]]
+        mine = of_each.get(row["configuration"], seeds.iloc[:0])
         final = mine["final"]
         below = np.full(len(mine), place + 0.27)
         error = 2 * mine["episode_sd"] / np.sqrt(mine["episodes"])

@@ -13,6 +13,7 @@ from jbench.report import policies
 from jbench.report.analysis.compare import comparison_frame, pair_frame
 from jbench.report.analysis.decisions import Study, decision_frame, recorded_comparisons
 from jbench.report.analysis.profiles import profile_frame
+from jbench.report.analysis.schedules import notes_on_remarks
 from jbench.report.analysis.verdicts import verdict_frame
 from jbench.report.configurations import configuration_frame, seed_frame, with_file_means
 from jbench.report.curve_frames import (
@@ -154,13 +155,14 @@ class Frames:
         """Sentences for the reader."""
         _, untested = self._findings
         left_out = policies.without_baseline(self._specs, self.source.tables)
-        return [*map(clean, (*self.source.notes, *notes_on(self._every), *left_out, *untested))]
+        apart = notes_on_remarks(self.verdicts, self.comparisons)
+        notes = (*self.source.notes, *notes_on(self._every), *left_out, *untested, *apart)
+        return [*map(clean, notes)]
 
     @cached_property
     def problems(self) -> list[str]:
         """A sentence on each unreadable record."""
-        _, _, unread = self._behavior
-        return [*map(clean, (*self.source.problems, *unread))]
+        return [*map(clean, (*self.source.problems, *self._behavior[2]))]
 
     @property
     def margins(self) -> dict[str, float]:
@@ -203,15 +205,14 @@ class Frames:
     def sequences(self) -> pd.DataFrame:
         """The curves on sequences of augmented robots, and the authors'."""
         ours = [pair for pair in self._drawn if pair[0].robots > 1]
-        theirs = self._papers[self._papers["figure"] == SEQUENCE]
-        return sequence_frame(ours, theirs)
+        return sequence_frame(ours, self._papers.query("figure == @SEQUENCE"))
 
     @_frame
     def published(self) -> pd.DataFrame:
         """The paper's curves, and the imported ones that are drawn like them."""
         beside = [pair for pair in self._curves if self._is_baseline(pair[0])]
-        algo = self.request.algo
-        return published_frame(self._papers_on_one_robot, set(self._specs), algo, beside)
+        papers = self._papers_on_one_robot
+        return published_frame(papers, set(self._specs), self.request.algo, beside)
 
     @_frame
     def baselines(self) -> pd.DataFrame:
@@ -255,10 +256,9 @@ class Frames:
     @_frame
     def leaderboard(self) -> pd.DataFrame:
         """The entries by task and median."""
-        leading = self.lead(self._by_configuration)
+        leading = self.lead(self._by_configuration).query("source != @FILE")
         by_hand = policies.hand_written_returns(self.source.tables)
-        ranked = leading[leading["source"] != FILE]
-        return leaderboard(ranked, by_hand, self._papers_on_one_robot, self.request.algo)
+        return leaderboard(leading, by_hand, self._papers_on_one_robot, self.request.algo)
 
     # Encoders, policies and single runs.
 

@@ -14,6 +14,7 @@ from jbench.report.analysis.claims import examine
 from jbench.report.analysis.decisions import Study
 from jbench.report.analysis.findings import Finding
 from jbench.report.analysis.pair import Pair
+from jbench.report.analysis.schedules import nothing_in_common
 from jbench.report.data import sources
 from jbench.report.data.configuration import Configuration, with_returns
 from jbench.report.data.sources import Source
@@ -141,14 +142,18 @@ def _compared(ours: Source, theirs: Source, request: Request) -> tuple[Source, P
     pairs = compare.across(ours.configurations, theirs.configurations, names)
     first, other = (with_returns(side.configurations, TRAINING) for side in (ours, theirs))
     notes = compare.left_out(first, other, pairs)
+    sides = " and ".join(request.compare or ())
     if not pairs:
         free = ", ".join([*sorted(names), "seeds and steps"])
         why = [note for note in notes if "is not compared" in note][:1]
-        sides = " and ".join(request.compare or ())
         raise RequestError(
             f"No runs of {sides} can be compared: there must be runs of both that differ only in "
             f"{free}. {''.join(why)}".strip()
         )
+
+    apart = [nothing_in_common(pair) for pair in pairs]
+    if all(apart):
+        raise RequestError(f"No runs of {sides} can be compared: {apart[0]}.")
 
     source = sources.joined([ours, theirs])
     source.notes += notes

@@ -6,6 +6,7 @@ import pytest
 
 from jbench.report.data.points import PATHS, run_paths
 from jbench.report.frames import Frames
+from jbench.report.run_details import run_details
 from jbench.store import schema
 from tests.report.conftest import evaluations
 
@@ -59,3 +60,19 @@ def test_report_assigns_paths_to_runs(fabric):
     assert set(found["run"]) == {with_path.id}
     assert set(found["source"]) == {"own"}
     assert found[["x", "y"]].values.tolist() == [[0, 0], [0.5, 1]]
+
+
+def test_page_has_the_first_and_the_last_path_of_each_run_without_waiting(fabric):
+    paths = {0: [0, 0.25, 0.25, 0.5], 1: [0, 9], 2: [0, -1]}  # metres, by evaluation
+    runs = [fabric.run([1.0, 2.0], seed=seed) for seed in (0, 1, 2)]
+    target = {"target_x": 0.125, "target_y": -0.25}
+    first = [path(runs[0].id, at, x, **(target if at == 2 else {})) for at, x in paths.items()]
+    runs[0].append({"paths": pa.concat_tables(first)})
+    runs[2].append({"paths": path(runs[2].id, 0, [0.5, 0])})
+    found = [detail.paths for detail in run_details(Frames(fabric.results)).runs]
+    # In tenths of a millimeter; y is twice x.
+    assert found[0] == [
+        {"heading": 1.5, "points": [0, 0, 2500, 5000, 5000, 10_000]},
+        {"x": 0.125, "y": -0.25, "heading": 0.5, "points": [0, 0, -10_000, -20_000]},
+    ]
+    assert found[1:] == [[], [{"heading": 0.5, "points": [5000, 10_000, 0, 0]}]]

@@ -8,7 +8,8 @@ import pytest
 
 from jbench.report.analysis import compare
 from jbench.report.analysis.compare import pair_frame
-from jbench.report.analysis.scores import Pair, seed_scores
+from jbench.report.analysis.pair import Pair
+from jbench.report.analysis.scores import seed_scores
 from jbench.report.analysis.verdicts import VERDICTS
 from jbench.report.configurations import configuration_frame
 from jbench.report.data.curves import read_published

@@ -29,6 +29,7 @@ from jbench.report.analysis.findings import (
     solved_verdict,
 )
 from jbench.report.analysis.pair import IQM_DIFFERENCE, Pair
+from jbench.report.analysis.schedules import remark_on_schedules
 from jbench.report.analysis.scores import seed_scores
 from jbench.report.data.configuration import Configuration, differing_in
 from jbench.report.data.scores import Scores
@@ -38,7 +39,7 @@ from jbench.settings.algorithms import display_name
 from jbench.settings.recorded import comparable
 from jbench.statistics import bootstrap as st
 from jbench.statistics.verdicts import ERROR_RATE
-from jbench.studies.quantities import MARGIN
+from jbench.studies.quantities import FINAL_RETURN, MARGIN, SPEED
 from jbench.studies.study import RAW
 
 _OFF_POLICY = ("ddpg", "sac", "td3")
@@ -182,6 +183,8 @@ def _on_pair(claim: str, pair: Pair, baseline: str) -> Finding:
         supporting, pair.seeds, low, high, outer=contradicting, logarithmic=test.is_ratio
     )
     returns, source, at, remark = _common(*pair.sides)
+    quantity = SPEED if claim == FASTER else FINAL_RETURN
+    remark = "; ".join(filter(None, (remark, remark_on_schedules(pair, quantity))))
     if claim == SIMILAR_RETURN and not pair.ours.margin:
         decided = ClaimVerdict()
         remark = "; ".join(filter(None, (_NO_MARGIN, remark)))

@@ -11,6 +11,7 @@ from jbench.names import RETURNS
 from jbench.report.analysis.all_tasks import Range, ranges, strata, together
 from jbench.report.analysis.judging import Comparison, judge
 from jbench.report.analysis.pair import IQM_DIFFERENCE, Pair
+from jbench.report.analysis.schedules import remark_on_schedules
 from jbench.report.data.configuration import Configuration, Configurations
 from jbench.report.data.source_names import FILE
 from jbench.representation_names import FULL
@@ -46,6 +47,7 @@ COMPARISONS = [
     "corrected_high",
     "verdict",
     "text",
+    "remark",
 ]
 _NUMBERS = {
     st.probability_of_improvement: ("p", "p_low", "p_high"),
@@ -110,7 +112,8 @@ def _compared(pairs: Sequence[Pair], known: Mapping[str, Range]) -> Comparison:
         seeds=min(pair.seeds for pair in pairs),
         margin=ours.margin if len(pairs) == 1 else 0.0,  # scaled scores have none
     )
-    return Comparison(FINAL_RETURN, names, evidence)
+    remarks = (remark_on_schedules(pair, FINAL_RETURN) for pair in pairs)
+    return Comparison(FINAL_RETURN, names, evidence, next(filter(None, remarks), ""))
 
 
 def method_pairs(configurations: Configurations) -> list[list[Pair]]:

@@ -56,11 +56,13 @@ class Comparison:
         quantity: the number that is compared.
         names: columns that name what is compared.
         evidence: what the seeds say about the difference.
+        remark: a clause on how the sides were evaluated; empty if both were alike.
     """
 
     quantity: Quantity
     names: Mapping[str, Any]
     evidence: Evidence
+    remark: str = ""
 
     def row(self, judgment: Judgment) -> dict[str, Any]:
         """Returns the names, the number and the verdict, by columns of a frame."""
@@ -76,7 +78,8 @@ class Comparison:
             "corrected_low": judgment.low,
             "corrected_high": judgment.high,
             "corrected_by": judgment.by,
-            "text": self._text(judgment, value),
+            "text": "; ".join(filter(None, (self._text(judgment, value), self.remark))),
+            "remark": self.remark,
         }
 
     def _text(self, judgment: Judgment, value: float) -> str:

@@ -17,6 +17,7 @@ from jbench.report.analysis.baselines import baseline_pairs
 from jbench.report.analysis.decisions import Study
 from jbench.report.analysis.judging import SEQUENTIAL, Comparison, Judgment, judge
 from jbench.report.analysis.pair import Pair
+from jbench.report.analysis.schedules import remark_on_schedules
 from jbench.report.data.configuration import ID, Configuration, with_returns
 from jbench.statistics import bootstrap as st
 from jbench.statistics.verdicts import Evidence
@@ -36,6 +37,7 @@ VERDICTS = [
     "corrected_high",
     "corrected_by",
     "text",
+    "remark",
     "seeds",
     "steps",
 ]
@@ -96,7 +98,8 @@ def _comparison(quantity: Quantity, pair: Pair) -> Comparison:
         "seeds": pair.seeds,
         "steps": pair.control_steps,
     }
-    return Comparison(quantity, names, _evidence(quantity, pair))
+    remark = remark_on_schedules(pair, quantity)
+    return Comparison(quantity, names, _evidence(quantity, pair), remark)
 
 
 def _evidence(quantity: Quantity, pair: Pair) -> Evidence:

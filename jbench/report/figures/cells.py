@@ -39,9 +39,10 @@ def draw_cells(
 
 def write_cell(axes: Axes, shares: pd.DataFrame, row: Any, column: Any, **font: Any) -> None:
     """Writes the percentage of a cell, whose row and column are labels of `shares`."""
-    across = list(shares.columns).index(column)
-    down = list(shares.index).index(row)
-    text = percentage(shares.to_numpy(float)[down, across])
+    across: Any = shares.columns.get_loc(column)
+    down: Any = shares.index.get_loc(row)
+    share: Any = shares.at[row, column]
+    text = percentage(float(share))
     axes.text(across + 0.5, down + 0.5, text, ha="center", va="center", color=_DARK, **font)
 
 

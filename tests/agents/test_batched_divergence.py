@@ -61,7 +61,7 @@ def test_diverged_seed_does_not_affect_others(algo, stacked, capfd):
     assert "WARNING" not in "".join(capfd.readouterr())
 
 
-@pytest.mark.parametrize("stacked", [False, True])
+@pytest.mark.parametrize("stacked", [False, slow(True)])
 def test_diverged_features_are_detected_and_do_not_affect_others(stacked):
     states = []
     for poisoned in (False, True):

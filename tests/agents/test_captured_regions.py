@@ -71,9 +71,10 @@ def check(tensors, function, *arguments):
     ("algo", "options"),
     [
         *((algo, {}) for algo in (*ALGORITHMS, TQC)),
-        *((algo, {"base": "script"}) for algo in SCRIPTS),
+        *(slow(algo, {"base": "script"}) for algo in SCRIPTS),
         ("ddpg", {"base": "figure8"}),
-        *((algo, {"precision": "bfloat16"}) for algo in ("ddpg", "td3", "sac")),
+        ("sac", {"precision": "bfloat16"}),
+        *(slow(algo, {"precision": "bfloat16"}) for algo in ("ddpg", "td3")),
         ("td3", {"limit": "terminal"}),
         ("sac", {"changes": {"ent_coef": 0.1, "target_update_interval": 2}}),
         ("ppo", {"changes": {"clip_range_vf": None, "normalize_advantage": False}}),

@@ -5,6 +5,7 @@ import pytest
 from jbench.cli import main
 from jbench.store import Results
 from jbench.store.shipped import shipped
+from tests.short_episodes import shorten_episodes
 
 
 @pytest.fixture(autouse=True)
@@ -56,7 +57,8 @@ def test_report_is_written_to_working_directory(tmp_path, capsys):
     assert (tmp_path / "reference-report" / "index.html").exists()
 
 
-def test_evaluation_is_saved_in_default_results(tmp_path, capsys):
+def test_evaluation_is_saved_in_default_results(tmp_path, monkeypatch):
+    shorten_episodes(monkeypatch.setattr)
     assert main(["evaluate", "--episodes", "1", "--results", "reference"]) == 0
     (record,) = Results(tmp_path / "results").scan("evaluation")[0]
     assert record.status == "finished"
@@ -87,7 +89,8 @@ def test_path_of_the_shipped_results_is_their_name(refused, document):
     assert "reference names the results shipped with jbench, which are read-only" in error
 
 
-def test_existing_directory_named_reference_takes_precedence(tmp_path, document):
+def test_existing_directory_named_reference_takes_precedence(tmp_path, document, monkeypatch):
+    shorten_episodes(monkeypatch.setattr)
     (tmp_path / "reference").mkdir()
     assert document("runs", results="reference")["runs"] == []
     assert main(["evaluate", "--episodes", "1", "--results", "reference"]) == 0

@@ -21,7 +21,13 @@ def reconstructions(record, scaled):
     return rebuilt.reshape(-1, 16).astype(np.float64), later.reshape(-1, 16).astype(np.float64)
 
 
-@pytest.mark.parametrize("kind", ["dae", "ddae", "vae", "lld-vae", "pca", "random"])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        *("dae", "lld-vae", "pca", "random"),
+        *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("ddae", "vae")),
+    ],
+)
 def test_errors_equal_those_of_saved_encoder(trained, results, kind):
     record = train(trained.states, results, kind)
     found = rows(record, "encoder_features")
@@ -38,7 +44,9 @@ def test_errors_equal_those_of_saved_encoder(trained, results, kind):
         assert total[f"{data}_explained"] == pytest.approx(explained, rel=1e-4)
 
 
-@pytest.mark.parametrize("latents", [1, 5, 16])
+@pytest.mark.parametrize(
+    "latents", [5, *(pytest.param(latents, marks=pytest.mark.slow) for latents in (1, 16))]
+)
 def test_baseline_errors_equal_those_of_pca_and_random(trained, results, latents):
     beside = rows(train(trained.states, results, "ae", latents), "encoder_features")
     for kind in ("pca", "random"):

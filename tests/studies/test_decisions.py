@@ -46,9 +46,10 @@ def decided(tmp_path):
     """Returns a function: what sweep and report decide on the comparison of a study.
 
     `fill` adds the runs of a cell: it takes the record, its settings, and whether it is `planar`.
+    The first five seeds are enough for a decision.
     """
 
-    def both(claim, fill):
+    def both(claim, fill, seeds=5):
         fabric = FabricatedResults(tmp_path / "results")
         file = tmp_path / "study.toml"
         file.write_text(STUDY.format(claim=claim))
@@ -56,7 +57,7 @@ def decided(tmp_path):
         comparisons = listed_comparisons(parts, read_entries(str(file)))
         cells = matrix_cells(parts, fabric.results)
         for cell in cells:
-            for run in cell.runs:
+            for run in cell.runs[:seeds]:
                 fill(fabric.results, run, cell.representation == "planar")
         (outcome,) = outcomes(comparisons, cells, fabric.results)
         configurations = [c for kind in ("training", "evaluation") for c in _all(fabric, kind)]
@@ -145,7 +146,7 @@ def test_mean_over_the_run_is_that_of_a_seed_alone(decided):
         else:
             finish(results, run, evaluated)
 
-    outcome, (row,) = decided("c", fill)
+    outcome, (row,) = decided("c", fill, seeds=6)
     assert outcome.decision.difference == row["difference"] == pytest.approx(30)
     assert outcome.decision.seeds == row["seeds"] == 5
 
@@ -187,7 +188,7 @@ def test_evaluations_are_not_compared_with_training(evaluated, kind, decided):
         has_evaluations = is_planar or run.seed < evaluated
         finish(results, run, returns if has_evaluations else {}, TRAINED + varied)
 
-    _, (row,) = decided("a", fill)
+    _, (row,) = decided("a", fill, seeds=10)
     assert (row["returns"], row["difference"], row["verdict"]) == (kind, 0, "undecided")
     # A seed that was not evaluated ends the comparison of evaluations.
     assert row["seeds"] == (evaluated or 10)
@@ -201,7 +202,7 @@ def test_returns_that_are_not_finite_are_left_out_and_a_run_without_others_stops
         returns = {step: value + 400 * (run.seed % 2) for step, value in RISING.items()}
         finish(results, run, dict.fromkeys(RISING, np.nan) if missing else returns)
 
-    outcome, (row,) = decided(claim, fill)
+    outcome, (row,) = decided(claim, fill, seeds=10)
     assert outcome.decision.seeds == row["seeds"] == 5
     assert "planar12/s07" in outcome.unknown
     assert next_cells([outcome], ()) == []

@@ -68,7 +68,9 @@ def test_observation_and_action_specs(task):
     assert env.action_spec() == specs.BoundedArray((1,), float, [-1], [1])
 
 
-@pytest.mark.parametrize("task", RANDOM_RETURNS)
+@pytest.mark.parametrize(
+    "task", ["move_from_origin", pytest.param("move_in_direction", marks=pytest.mark.slow)]
+)
 def test_episode_has_1000_rewards_between_zero_and_one_and_ends_with_discount_one(task):
     env = load(task)
     first, *middle, last = [*roll_out(env, 999), env.step([0.5])]
@@ -180,7 +182,9 @@ def test_dm_control_model_equals_model_of_seed_bit_for_bit():
     np.testing.assert_array_equal(*buffers)
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize(
+    "task", [TASKS[0], *(pytest.param(task, marks=pytest.mark.slow) for task in TASKS[1:])]
+)
 def test_gymnasium_environment_has_robot_of_its_seed(task):
     name = environment_id(task, augmented=True)
     assert name == environment_id(task).replace("Jitterbug", "AugmentedJitterbug")

@@ -14,13 +14,16 @@ from gymnasium.error import ResetNeeded
 
 import jbench.tasks  # noqa: F401 - registers the environments
 from jbench.errors import RequestError, WorkError
-from jbench.task_specs import EPISODE_STEPS, SUITE_TASKS
+from jbench.task_specs import SUITE_TASKS
 from jbench.tasks.environment_specification import CommandBounds
 from jbench.tasks.find import check_specs, checked_task, find_task
 from jbench.tasks.gym import RobotEnv
 from tests.third_party_task import own_tasks
 
 OWN = "tests.third_party_task.own_tasks"
+
+COMPARED = 300
+"""Control steps of an episode that are compared with dm_control."""
 
 
 def flat(timestep):
@@ -53,7 +56,7 @@ def test_episodes_equal_those_of_dm_control(name):
         worlds.step(np.zeros((2, task.action_size)))  # another episode before does not matter
         seen = worlds.reset(generators)
         np.testing.assert_array_equal(seen, [flat(one.reset()) for one in environments])
-        for _ in range(EPISODE_STEPS):
+        for _ in range(COMPARED):
             actions = random.uniform(-1.2, 1.2, (2, task.action_size))
             observations, rewards = worlds.step(actions)
             share = (np.clip(actions, -1, 1) + 1) * ((spec.maximum - spec.minimum) / 2)

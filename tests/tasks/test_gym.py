@@ -270,7 +270,7 @@ def test_window_without_display_is_refused(monkeypatch):
         RobotEnv("face_direction", render_mode="human").reset(seed=0)
 
 
-@pytest.mark.usefixtures("rendering")
+@pytest.mark.usefixtures("coarse_pictures")
 def test_image_has_expected_shape_and_colors():
     env = gymnasium.make(IDS["move_to_pose"], render_mode="rgb_array")
     env.reset(seed=0)

@@ -10,15 +10,23 @@ from jbench.datasets import Dataset, collect
 from jbench.settings.records import DatasetSettings
 from jbench.store import Results
 from tests.command_line import start, wait_until
+from tests.short_episodes import short_episodes
 from tests.store.store_rows import alter_manifest
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _short_episodes():
+    """Makes the episodes in this process 100 control steps long."""
+    with short_episodes(100):
+        yield
 
 
 @pytest.fixture(scope="module")
 def collected(tmp_path_factory):
     """A results directory with a plain dataset and an augmented one, which is newer."""
     path = tmp_path_factory.mktemp("collected") / "results"
-    collect(DatasetSettings(steps=2000), Results(path), 2)
-    collect(DatasetSettings(steps=1000, seed=4, augment=11), Results(path), 2)
+    collect(DatasetSettings(steps=500), Results(path), 2)
+    collect(DatasetSettings(steps=300, seed=4, augment=11), Results(path), 2)
     return path
 
 
@@ -77,8 +85,8 @@ def test_datasets_lists_all_with_settings_status_and_size(results, run_command, 
     ids = {seed: record.id for seed, record in records(results).items()}
     assert " ".join(lines[0]) == f"3 datasets in {results}"
     rows = {line[0]: line[1:] for line in lines if line and line[0] in ids.values()}
-    assert rows[ids[0]][:3] == ["finished", "2,000", "plain"]
-    assert rows[ids[4]][:4] == ["finished", "1,000", "--augment", "11"]
+    assert rows[ids[0]][:3] == ["finished", "500", "plain"]
+    assert rows[ids[4]][:4] == ["finished", "300", "--augment", "11"]
     assert rows[ids[7]][:6] == ["unfinished", "0", "of", "9,000", "plain", "0.0"]
     output = document("datasets", results=results)
     assert output["problems"] == []
@@ -90,7 +98,7 @@ def test_datasets_lists_all_with_settings_status_and_size(results, run_command, 
         assert listed[seed]["path"] == str(record.path)
         assert listed[seed]["settings"] == record.settings
         assert (listed[seed]["status"], listed[seed]["bytes"]) == (record.status, size)
-    assert [listed[seed]["steps"] for seed in (0, 4, 7)] == [2000, 1000, 0]
+    assert [listed[seed]["steps"] for seed in (0, 4, 7)] == [500, 300, 0]
     # JSON has no numbers that are not finite.
     assert listed[0]["summary"] == {"wall_time": None, "seen": [None]}
 

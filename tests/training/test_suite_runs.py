@@ -48,8 +48,9 @@ def test_batch_killed_at_random_times_resumes_bit_for_bit(algo, task, tmp_path):
 
 
 def test_run_is_reproduced_and_its_policy_moves_all_motors(tmp_path):
-    run, results = settings("sac", "tests.short_tasks:cheetah_run"), Results(tmp_path)
-    assert run_batch([run], results) == {}
+    run = settings("sac", "tests.short_tasks:cheetah_run", steps=4 * EPISODE)
+    results = Results(tmp_path)
+    assert run_batch([run], results, final_episodes=1) == {}
     record = results.find("run", run.id)
     assert reevaluate(results, record).verdict == retrain(results, record, 2).verdict == "equal"
     observations = np.random.default_rng(0).normal(size=(5, 17)).astype(np.float32)
@@ -62,7 +63,7 @@ def test_run_is_reproduced_and_its_policy_moves_all_motors(tmp_path):
 def test_run_of_stable_baselines3_moves_all_motors(tmp_path):
     run = settings("td3", "tests.short_tasks:cheetah_run", engine="sb3", steps=4 * EPISODE)
     results = Results(tmp_path)
-    record = train(run, results)
+    record = train(run, results, final_episodes=1)
     assert record.rows("episodes") == 4
     assert record.rows("paths") == 0
     assert record.manifest.summary[POLICY_EVALUATION] == 1

@@ -5,6 +5,7 @@ from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 
 from jbench.errors import RequestError, WorkError
+from jbench.representation_names import shown_representation
 from jbench.store import files
 from jbench.store.code import date_of
 from jbench.store.manifest import ID, MANIFEST, Json, Manifest, RecordKind
@@ -93,8 +94,9 @@ class Results:
         """Returns the id of the only record whose id begins with a text; else the text itself.
 
         The text may also be the path of the record's directory, or an id as a narrow table shows
-        it, such as face_direction/ddpg/dae12…s00-1f9a2c4e. Raises a RequestError if it is no part
-        of an id, or means several ids.
+        it, such as face_direction/ddpg/dae12…s00-1f9a2c4e; or it may have the representation as
+        reports show it, such as planar for planar12. Raises a RequestError if it is no part of an
+        id, or means several ids.
         """
         text = text.rstrip("/")
         if "…" in text:
@@ -107,7 +109,11 @@ class Results:
         if self.has(kind, text):
             return text
 
-        found = sorted(self.scan(kind, text)[0], key=lambda record: record.manifest.created)
+        found = self.scan(kind, text)[0]
+        if not found:
+            found = [each for each in self.scan(kind)[0] if _shown_id(each.id).startswith(text)]
+
+        found.sort(key=lambda record: record.manifest.created)
         if len(found) > 1:
             some = ", ".join(f"{record.id} ({date_of(record)})" for record in found[:_MAX_SHOWN])
             if len(found) > _MAX_SHOWN:
@@ -215,3 +221,8 @@ class Results:
         if not files.real(path).is_relative_to(files.real(self.path)):
             raise files.UnreadableError(path, "leads out of the results directory; it is not used")
         return path
+
+
+def _shown_id(id: str) -> str:
+    """Returns an id with its representation as reports show it: planar for planar12."""
+    return "/".join(shown_representation(part) for part in id.split("/"))

@@ -152,3 +152,17 @@ def test_unique_prefix_of_id_is_completed(results, monkeypatch):
     several = rf"Several runs begin with a/td3: a/td3/\S+ {date}, a/td3/"
     with pytest.raises(RequestError, match=several):
         results.complete_id("run", "a/td3")
+
+
+def test_id_is_completed_with_the_representation_as_reports_show_it(results):
+    ids = ("a/td3/planar12/s00-11", "a/td3/planar-mirror12/s00-22", "a/td3/dae12/s00-33")
+    for id in ids:
+        results.create("run", id, {})
+    assert results.complete_id("run", "a/td3/planar/s00") == ids[0]
+    assert results.complete_id("run", "a/td3/planar/s00-1") == ids[0]
+    assert results.complete_id("run", "a/td3/planar-mirror/") == ids[1]
+    # Its number of latents is the user's choice, so it is part of the name.
+    assert results.complete_id("run", "a/td3/dae/s00") == "a/td3/dae/s00"
+    results.create("run", "a/td3/planar12/s00-44", {})
+    with pytest.raises(RequestError, match=r"begin with a/td3/planar/s00: a/td3/planar12/s00-11 "):
+        results.complete_id("run", "a/td3/planar/s00")

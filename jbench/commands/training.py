@@ -18,7 +18,7 @@ from jbench.store import Results
 from jbench.store.evaluations import added_returns, last_evaluation_episodes
 from jbench.store.run_line import RunLine, line_with_returns
 from jbench.sweeps.cell import Cell, all_runs
-from jbench.sweeps.preparation import missing_encoders
+from jbench.sweeps.preparation import missing_encoders, warnings_of_epochs
 from jbench.sweeps.scheduler import Executor, sweep
 from jbench.training.events import Event, Note, Warned
 from jbench.training.status import failures_among, run_statuses, will_fail_again
@@ -210,6 +210,10 @@ def show_missing(cells: Sequence[Cell], results: Results, matrix: str) -> list[s
             f"To be collected first: the dataset {dataset.id} of {dataset.steps:,} control "
             f"steps{advice}"
         )
+
+    for dataset, unfinished in missing:
+        for sentence in warnings_of_epochs(dataset, unfinished):
+            output.warn(sentence)
 
     ids = ", ".join(encoder.id for encoder in encoders)
     if len(encoders) == 1:

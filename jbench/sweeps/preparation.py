@@ -11,7 +11,7 @@ import torch
 from jbench.cores import cores
 from jbench.datasets import collect, find_dataset
 from jbench.devices import find_device
-from jbench.encoders.registry import make_kind
+from jbench.encoders.registry import make_kind, options_with_epochs
 from jbench.encoders.settings import EncoderSettings
 from jbench.encoders.states import Scale, States
 from jbench.encoders.training import train_encoder
@@ -36,6 +36,33 @@ def missing_encoders(
     return [(datasets[id], encoders) for id, encoders in missing.items() if encoders]
 
 
+def warnings_of_epochs(dataset: DatasetSettings, encoders: Iterable[EncoderSettings]) -> list[str]:
+    """Returns a sentence for each kind of encoder that has few epochs, of a file that gives none.
+
+    A sweep takes the number of epochs of its file, or else the default of the kind, so the same
+    file always gives the same encoders. `jbench train-dae` chooses more for a small dataset.
+    """
+    sentences = []
+    for encoder in encoders:
+        epochs = encoder.options.get("epochs")
+        if epochs is None or "epochs" in encoder.named:
+            continue
+
+        others = {name: value for name, value in encoder.options.items() if name != "epochs"}
+        episodes = max(2, dataset.steps // dataset.episode_steps)
+        steps = dataset.steps / episodes
+        chosen = options_with_epochs(encoder.kind, others, episodes, steps, encoder.seed)["epochs"]
+        if chosen > epochs:
+            sentences.append(
+                f"{encoder.representation} of {encoder.task} is trained for {epochs:,} epochs, few "
+                f"for {dataset.steps:,} control steps, for which jbench train-encoder chooses "
+                f"{chosen:,}: type epochs = {chosen} under [encoder.options.{encoder.kind}] of the "
+                "matrix file."
+            )
+
+    return list(dict.fromkeys(sentences))
+
+
 def prepare(cells: Sequence[Cell], results: Results, device: str, report: Report) -> dict[str, str]:
     """Makes the missing encoders of runs, and first the datasets on which they are trained.
 
@@ -49,6 +76,8 @@ def prepare(cells: Sequence[Cell], results: Results, device: str, report: Report
     for dataset, encoders in missing_encoders(cells, results):
         wanted = [encoder for encoder in encoders if encoder.id in needed]
         if wanted:
+            for sentence in warnings_of_epochs(dataset, wanted):
+                report(Warned(sentence))
             failures |= _make_encoders(dataset, wanted, results, train_on, report)
 
     for encoder_id, reason in failures.items():

@@ -116,6 +116,12 @@ def _function(actor: Actor) -> Callable[[NDArray[np.float32]], Any]:
         return lambda observations: predict(normalized(observations), deterministic=True)[0]
 
     if isinstance(actor, nn.Module):
+        if type(actor).forward is nn.Module.forward:  # which raises an error
+            raise RequestError(
+                f"A module {type(actor).__name__} without forward can't act: pass the network in "
+                "it that returns the deterministic action, such as agent.actor_mean."
+            )
+
         parameter = next(actor.parameters(), torch.empty(0))
         return lambda observations: actor(
             torch.as_tensor(observations, dtype=parameter.dtype, device=parameter.device)

@@ -92,6 +92,20 @@ def test_module_with_predict_of_its_own_is_called():
         assert act(np.zeros((3, 16), np.float32)).tolist() == [[0.5]] * 3
 
 
+def test_module_without_forward_is_refused():
+    class ActorAndCritic(nn.Module):
+        def __init__(self):
+            super().__init__()
+            self.actor_mean = nn.Linear(16, 1)
+
+    agent = ActorAndCritic()
+    refused = pytest.raises(RequestError, match=r"ActorAndCritic without forward can't act: pass")
+    with refused, acting(agent, 1):
+        pass
+    with acting(agent.actor_mean, 1) as act:
+        assert act(np.zeros((3, 16), np.float32)).shape == (3, 1)
+
+
 @pytest.fixture
 def module(tmp_path, monkeypatch):
     """A module in the working directory; returns its name."""

@@ -80,6 +80,7 @@ def output(pages):
 
 SLOW = {
     "agents.md",
+    "checking.md",
     "curves.md",
     "database.md",
     "datasets.md",

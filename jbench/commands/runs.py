@@ -36,7 +36,7 @@ def runs(
     returns: bool = Option(
         False,
         "--returns",
-        help="Show final returns (reads all episodes); quote that of the evaluation.",
+        help="Show final returns, of training and of the last evaluation; quote the latter.",
     ),
     failed: bool = Option(False, "--failed", help="List the runs that failed, with their errors."),
     imports: bool = Option(False, "--imports", help="List imported learning curves, not runs."),

@@ -13,17 +13,15 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
-from stable_baselines3.common.torch_layers import FlattenExtractor
 from stable_baselines3.common.type_aliases import TrainFreq, TrainFrequencyUnit
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecNormalize
 from torch import nn
 
 from jbench.agents.find import find_class
 from jbench.agents.memory import memory_error
+from jbench.agents.sb3_policies import copy_model
 from jbench.errors import ERRORS_OF_OTHERS, RequestError
-from jbench.policies.actors import UnsupportedPolicyError, copy_module, normalization
-from jbench.policies.layers import Clip, Scale, Shift
-from jbench.policies.network import SavedNetwork
+from jbench.policies.actors import UnsupportedPolicyError
 from jbench.settings.algorithms import Algorithm, AlgorithmSettings, Foreign, OffPolicySettings
 from jbench.store.schema import LOSSES
 
@@ -65,6 +63,12 @@ _WITH_POLICY_WARMUP: dict[str, type[BaseAlgorithm]] = {
 
 def check(name: str, settings: Mapping[str, Any], sizes: tuple[int, int], count: int) -> None:
     """Builds an agent for some environments, to see whether its class takes the settings.
+
+    Args:
+        name: MODULE:CLASS.
+        settings: arguments of the class as JSON values, see `build`.
+        sizes: of an observation and of an action.
+        count: number of environments.
 
     Raises:
         RequestError: if it does not, can't be trained in several environments, or its policy can't
@@ -116,9 +120,14 @@ def build(algo: str, settings: Algorithm, env: VecEnv, seed: int) -> BaseAlgorit
     """
     shape: Any = env.action_space.shape
     chosen: Mapping[str, Any]
+    kind: Any
     if isinstance(settings, AlgorithmSettings):
-        kind, chosen = _ours(algo, settings, shape)
+        kind = _own_class(algo, settings)
+        chosen = _own_arguments(algo, settings, shape)
         env = _standardized(env, settings)
+        # Divergence is detected by actions and losses. Torch's validation would raise its own error
+        # in the middle of an update.
+        torch.distributions.Distribution.set_default_validate_args(False)
     else:
         assert isinstance(settings, Foreign)
         kind = find_class(algo)
@@ -156,30 +165,47 @@ def _arguments(chosen: Mapping[str, Any], shape: Any) -> dict[str, Any]:
     return arguments
 
 
-def _ours(algo: str, settings: AlgorithmSettings, shape: Any) -> tuple[Any, dict[str, Any]]:
-    """Returns the class of an algorithm of jbench's own, and its arguments in the words of sb3."""
-    # Divergence is detected by actions and losses. Torch's validation would raise its own error in
-    # the middle of an update.
-    torch.distributions.Distribution.set_default_validate_args(False)
-    kind = CLASSES[algo]
-    layers = list(settings.hidden_layers)
-    taken = inspect.signature(kind).parameters.keys()
+def _own_class(algo: str, settings: AlgorithmSettings) -> type[BaseAlgorithm]:
+    """Returns the class of an algorithm of jbench's own."""
+    if isinstance(settings, OffPolicySettings) and not settings.uniform_warmup:
+        return _WITH_POLICY_WARMUP[algo]
+    return CLASSES[algo]
+
+
+def _own_arguments(algo: str, settings: AlgorithmSettings, shape: Any) -> dict[str, Any]:
+    """Returns the settings of an algorithm of jbench's own as arguments of its class.
+
+    Args:
+        algo: its name.
+        settings: its settings.
+        shape: of an action.
+    """
+    taken = inspect.signature(CLASSES[algo]).parameters.keys()
     arguments = settings.model_dump(include=set(taken))
+    critic = "vf"
     if isinstance(settings, OffPolicySettings):
-        mean = np.full(shape, settings.noise_mean)
-        sigma = np.full(shape, settings.noise_sigma)
-        arguments["action_noise"] = None
-        if settings.action_noise == "normal":
-            arguments["action_noise"] = noise.NormalActionNoise(mean, sigma)
-        elif settings.action_noise == "ornstein-uhlenbeck":
-            given: Any = {"theta": settings.noise_theta, "dt": settings.noise_dt}
-            arguments["action_noise"] = noise.OrnsteinUhlenbeckActionNoise(mean, sigma, **given)
+        critic = "qf"
+        arguments["action_noise"] = _own_noise(settings, shape)
 
-        if not settings.uniform_warmup:
-            kind = _WITH_POLICY_WARMUP[algo]
+    layers = list(settings.hidden_layers)
+    arguments["policy_kwargs"] = {
+        "net_arch": {"pi": layers, critic: layers},
+        "activation_fn": "ReLU",
+    }
+    return arguments
 
-    net_arch = {"pi": layers, "vf" if algo == "ppo" else "qf": layers}
-    return kind, {**arguments, "policy_kwargs": {"net_arch": net_arch, "activation_fn": "ReLU"}}
+
+def _own_noise(settings: OffPolicySettings, shape: Any) -> noise.ActionNoise | None:
+    """Returns the action noise of an algorithm of jbench's own, if it has one."""
+    mean = np.full(shape, settings.noise_mean)
+    sigma = np.full(shape, settings.noise_sigma)
+    if settings.action_noise == "normal":
+        return noise.NormalActionNoise(mean, sigma)
+    if settings.action_noise == "ornstein-uhlenbeck":
+        return noise.OrnsteinUhlenbeckActionNoise(
+            mean, sigma, theta=settings.noise_theta, dt=settings.noise_dt
+        )
+    return None
 
 
 def _standardized(env: VecEnv, settings: AlgorithmSettings) -> VecEnv:
@@ -214,47 +240,6 @@ def losses(agent: BaseAlgorithm) -> dict[str, float]:
     values = agent.logger.name_to_value
     keys = {name: f"train/{_THEIR_NAMES.get(name, name)}" for name in LOSSES}
     return {name: float(values[key]) for name, key in keys.items() if key in values}
-
-
-def copy_model(model: Any, *sizes: int) -> SavedNetwork:
-    """Returns a copy of the deterministic policy of a model.
-
-    Raises:
-        UnsupportedPolicyError: if it is not a sequence of supported layers, or has other sizes of
-            observation and action than those given.
-    """
-    policy = model.policy
-    sizes = sizes or (model.observation_space.shape[0], model.action_space.shape[0])
-    owner = policy.actor if hasattr(policy, "actor") else policy
-    if not isinstance(getattr(owner, "features_extractor", None), FlattenExtractor):
-        raise UnsupportedPolicyError("its features extractor is not FlattenExtractor")
-
-    network = copy_module(actor_module(policy), *sizes)
-    normalized: Any = normalization(model)
-    if normalized is None:
-        return network
-
-    deviation = np.sqrt(normalized.obs_rms.var + normalized.epsilon)
-    first = [
-        Shift(offset=-normalized.obs_rms.mean.astype(np.float32)),
-        Scale(factor=(1 / deviation).astype(np.float32)),
-        Clip(low=-normalized.clip_obs, high=normalized.clip_obs),
-    ]
-    return SavedNetwork([*first, *network.layers])
-
-
-def actor_module(policy: Any) -> nn.Module:
-    """Returns the layers of a model's policy from an observation to the deterministic action."""
-    actor: Any = getattr(policy, "actor", None)
-    if hasattr(actor, "latent_pi"):  # SAC, TQC
-        return nn.Sequential(actor.latent_pi, actor.mu, nn.Tanh())
-    if hasattr(actor, "mu"):  # DDPG, TD3
-        return nn.Sequential(actor.mu)
-    if hasattr(policy, "mlp_extractor"):  # PPO, A2C, TRPO
-        squash = nn.Tanh() if policy.squash_output else nn.Hardtanh()
-        return nn.Sequential(policy.mlp_extractor.policy_net, policy.action_net, squash)
-
-    raise UnsupportedPolicyError(f"the actor of a {type(policy).__name__} is not known")
 
 
 class Spaces(gymnasium.Env[Any, Any]):

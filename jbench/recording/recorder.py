@@ -203,9 +203,9 @@ class Recording:
         if isinstance(actor, nn.Module):
             copied = copy_module(actor, inputs, task.action_size)
         elif hasattr(actor, "predict") and hasattr(actor, "policy"):
-            from jbench.agents.sb3 import copy_model
+            from jbench.agents.sb3_policies import copy_model
 
-            copied = copy_model(actor, inputs, task.action_size)
+            copied = copy_model(actor, (inputs, task.action_size))
         else:
             raise UnsupportedPolicyError(f"a {type(actor).__name__} is not a torch module")
 

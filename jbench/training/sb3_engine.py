@@ -13,6 +13,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from jbench.agents import sb3
 from jbench.agents.engine import AfterStep, DivergedError, divergent_loss
 from jbench.agents.environments import Ends, SeedState
+from jbench.agents.sb3_policies import copy_model
 from jbench.closing import closed_on_error, make_all
 from jbench.encoders import Encoder, on_observations
 from jbench.errors import RequestError
@@ -90,7 +91,7 @@ class SB3Engine(AbstractContextManager["SB3Engine"]):
     def policy(self, seed: int) -> SavedNetwork:
         """Returns a copy of the agent's deterministic policy."""
         if self._policy is None:
-            self._policy = sb3.copy_model(self._agent)
+            self._policy = copy_model(self._agent)
         return self._policy
 
     def losses(self, seed: int) -> dict[str, float]:

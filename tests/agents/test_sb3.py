@@ -7,6 +7,7 @@ from sb3_contrib import TQC
 
 from jbench.agents import sb3
 from jbench.agents.algorithms import algorithm_fields
+from jbench.agents.sb3_policies import copy_model
 from jbench.errors import RequestError
 from jbench.policies.network import SavedNetwork
 from jbench.settings.algorithms import Foreign, algorithm_settings
@@ -87,7 +88,7 @@ def test_saved_policy_is_copy_that_equals_agent(algo):
     agent = build(algo, hidden_layers=[24, 16])
     observations = np.random.default_rng(0).normal(size=(50, 16)).astype(np.float32)
     expected, _ = agent.predict(observations, deterministic=True)
-    kept = sb3.copy_model(agent)
+    kept = copy_model(agent)
     with torch.no_grad():
         for parameter in agent.policy.parameters():
             parameter += 1
@@ -117,7 +118,7 @@ def test_extracted_policy_equals_model(actions):
     agent = sb3.build(NAME, Foreign(hyperparameters=SMALL), _env(actions), 3)
     assert isinstance(agent, TQC)
     assert type(agent.actor.latent_pi[1]).__name__ == "Tanh"
-    network = sb3.copy_model(agent)
+    network = copy_model(agent)
     observations = np.random.default_rng(0).normal(size=(5, 16)).astype(np.float32)
     wanted, _ = agent.predict(observations, deterministic=True)
     assert wanted.shape == (5, actions)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jbench.agents import sb3
+from jbench.agents.sb3_policies import copy_model
 from jbench.report.frames import Frames
 from jbench.settings.run import RunSettings
 from jbench.store import Results
@@ -44,7 +44,7 @@ class Watched:
             step = agent.num_timesteps
             if step % EPISODE:  # otherwise the next episode has already started
                 self.shapes[step] = [shape(env.unwrapped.model) for env in agent.get_env().envs]
-            layers = sb3.copy_model(agent).linear_layers()
+            layers = copy_model(agent).linear_layers()
             self.weights[step] = np.concatenate([one.weight.ravel() for one in layers])
             if hasattr(agent, "replay_buffer"):
                 self.stored[step] = agent.replay_buffer.size()

@@ -190,7 +190,7 @@ class Environments:
 
     def state(self, seed: int) -> SeedState:
         """Returns the state of one seed's robots and generators; see `Worlds.state`."""
-        arrays = {**self._worlds.state(self._robots(seed)), "returns": self._returns[seed].copy()}
+        arrays = {**self._worlds.state(self._places(seed)), "returns": self._returns[seed].copy()}
         streams = [dict(generator.bit_generator.state) for generator in self.generators[seed].all()]
         scalars = {"episodes": self.episodes, "episode_steps": self.steps, "streams": streams}
         tensors = {f"{_WORLD}{name}": torch.from_numpy(array) for name, array in arrays.items()}
@@ -204,7 +204,7 @@ class Environments:
         self._returns[seed] = world["returns"]
         self.episodes = scalars["episodes"]
         self.steps = scalars["episode_steps"]
-        self.observations = self._inputs(self._worlds.restore(self._robots(seed), world))
+        self.observations = self._inputs(self._worlds.restore(self._places(seed), world))
         for generator, saved in zip(self.generators[seed].all(), scalars["streams"], strict=True):
             generator.bit_generator.state = saved
 
@@ -264,6 +264,6 @@ class Environments:
         self._signs = self.action_signs(seen)
         return self.encode(seen)
 
-    def _robots(self, seed: int) -> slice:
+    def _places(self, seed: int) -> slice:
         """Returns the places of a seed's worlds."""
         return slice(seed * self._shape[1], (seed + 1) * self._shape[1])

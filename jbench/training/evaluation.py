@@ -163,8 +163,9 @@ def evaluate_policies(
     for parts in zip(*blocks, strict=True):
         returns = np.concatenate([part.returns for part in parts])
         lengths = np.concatenate([part.lengths for part in parts])
-        failures = [part.failure for part in parts if part.failure is not None]
-        evaluations.append(Evaluation(returns, lengths, parts[0].path, next(iter(failures), None)))
+        failures = (part.failure for part in parts if part.failure is not None)
+        failure = next(failures, None)
+        evaluations.append(Evaluation(returns, lengths, parts[0].path, failure))
 
     return evaluations
 
@@ -220,13 +221,9 @@ def _evaluations(
             target = {name: float(targets[name][first]) for name in task.drawn}
             path = RobotPath(np.stack(of_first_robot), target)
 
-        failures = [
-            failure
-            for number, failure in worlds.failures.items()
-            if number in range(first, first + episodes)
-        ]
-        mine = slice(first, first + episodes)
-        failure = next(iter(failures), None)
-        evaluations.append(Evaluation(total[mine], lengths[mine], path, failure))
+        end = first + episodes
+        failures = (error for world, error in worlds.failures.items() if first <= world < end)
+        failure = next(failures, None)
+        evaluations.append(Evaluation(total[first:end], lengths[first:end], path, failure))
 
     return evaluations

@@ -62,7 +62,7 @@ class BatchedEngine(Engine, Generic[_Learner]):
     def __init__(
         self,
         settings: AlgorithmSettings,
-        make: Callable[[Tensors], _Learner],
+        make_learner: Callable[[Tensors], _Learner],
         tensors: Tensors,
         environments: Environments,
         *,
@@ -78,8 +78,8 @@ class BatchedEngine(Engine, Generic[_Learner]):
 
         generators = environments.generators
         seeds = range(tensors.seeds)
-        self.learners = [make(tensors.select(seed)) for seed in seeds]
-        self._stack = make(tensors) if stacked else None
+        self.learners = [make_learner(tensors.select(seed)) for seed in seeds]
+        self._stack = make_learner(tensors) if stacked else None
         self.groups = [
             SeedGroup(learner, seeds[seed : seed + 1], generators[seed : seed + 1])
             for seed, learner in enumerate(self.learners)
@@ -94,8 +94,8 @@ class BatchedEngine(Engine, Generic[_Learner]):
         self._inputs: dict[_Call, list[Tensor]] = {}
         self._outputs: dict[_Call, Tensor] = {}
 
-        for learner, draws in zip(self.learners, generators, strict=True):
-            learner.initialize(draws.weights())
+        for learner, seed_generators in zip(self.learners, generators, strict=True):
+            learner.initialize(seed_generators.weights())
         # Tensors that must stay finite; the log temperature of SAC is -inf if ent_coef is 0.
         self._finite = [
             name
@@ -189,19 +189,21 @@ class BatchedEngine(Engine, Generic[_Learner]):
 
         `output` is the same function at every call: it takes a learner and the inputs.
         """
-        inputs = self._standardized(observations), *others
+        inputs = [self._standardized(observations), *others]
+        dtype = self.tensors.dtype
         if self._stack is None:
-            per_seed = zip(self.learners, *(x.to(self.tensors.dtype) for x in inputs), strict=True)
-            return torch.stack([output(learner, *x) for learner, *x in per_seed])
+            inputs_by_seed = zip(*(given.to(dtype) for given in inputs), strict=True)
+            pairs = zip(self.learners, inputs_by_seed, strict=True)
+            return torch.stack([output(learner, *own) for learner, own in pairs])
 
-        call = _Call(output, tuple(x.shape for x in inputs))
+        call = _Call(output, tuple(given.shape for given in inputs))
         if call not in self._inputs:
+            device = self.tensors.device
             self._inputs[call] = [
-                torch.empty_like(x, dtype=self.tensors.dtype, device=self.tensors.device)
-                for x in inputs
+                torch.empty_like(given, dtype=dtype, device=device) for given in inputs
             ]
-        for buffer, x in zip(self._inputs[call], inputs, strict=True):
-            buffer.copy_(x)
+        for buffer, given in zip(self._inputs[call], inputs, strict=True):
+            buffer.copy_(given)
         self._captured(self._run_stack, call)
         return self._outputs[call].cpu()
 

@@ -31,7 +31,7 @@ class OffPolicyEngine(BatchedEngine[OffPolicyLearner[Any]]):
         environments = self.environments
         tensors = self.tensors
         seeds, count = environments.observations.shape[:2]
-        rollout_steps, self._due = settings.schedule(count)
+        rollout_steps, self._updates_per_rollout = settings.schedule(count)
         self._noise = ActionNoise(settings, (seeds, count, environments.action_size))
 
         sizes = Sizes(
@@ -127,10 +127,10 @@ class OffPolicyEngine(BatchedEngine[OffPolicyLearner[Any]]):
             self.pretrain(round(self.learners[0].pretraining * self.control_steps))
 
         first = self.updates + 1
-        self.updates += self._due
+        self.updates += self._updates_per_rollout
         for updates in self.group_updates:
             if self._still_learning(updates.group):
-                updates.prepare(first, self._due)
+                updates.prepare(first, self._updates_per_rollout)
                 updates.run()
 
     def pretrain(self, updates: int) -> None:
@@ -186,11 +186,12 @@ class ActionNoise:
 
 def _row_mirror(environments: Environments) -> Tensor:
     """Returns gain and offset (2, seeds, width) of mirrored rows of the replay buffers."""
-    gain = []
-    offset = []
-    actions = environments.action_size
-    for encoder in environments.encoders:
+    width = environments.size + environments.action_size + 1
+    gain = torch.ones(len(environments.encoders), width, dtype=torch.float64)
+    offset = torch.zeros_like(gain)
+    gain[:, environments.size : -1] = -1  # of actions; a reward has no mirror image
+    for seed, encoder in enumerate(environments.encoders):
         mirror = input_mirror(environments.task, encoder)
-        gain.append([*mirror.gain, *[-1] * actions, 1])
-        offset.append([*mirror.offset, *[0] * actions, 0])
-    return torch.tensor([gain, offset], dtype=torch.float64)
+        gain[seed, : environments.size] = torch.from_numpy(mirror.gain)
+        offset[seed, : environments.size] = torch.from_numpy(mirror.offset)
+    return torch.stack([gain, offset])

@@ -53,7 +53,7 @@ class PairBuffer(ReplayBuffer):
         row = self._current_row
         row[..., self._size : -1].copy_(torch.from_numpy(actions))
         row[..., -1].copy_(torch.from_numpy(rewards))
-        following = self._new[:, :, self.row + 1 - self._flushed]
+        following = self._pending[:, :, self.row + 1 - self._flushed]
         following.zero_()
         following[..., : self._size].copy_(observations)
         self.row += 2
@@ -61,13 +61,15 @@ class PairBuffer(ReplayBuffer):
 
     def end(self, nothing_follows: NDArray[np.bool_]) -> None:
         """Notes after which transitions (seeds, environments) just added nothing follows."""
-        self._new[:, :, self.row - 1 - self._flushed, -1].copy_(torch.from_numpy(nothing_follows))
+        self._pending[:, :, self.row - 1 - self._flushed, -1].copy_(
+            torch.from_numpy(nothing_follows)
+        )
 
     def flush(self) -> None:
         """Copies the rows added since the last call to the buffers."""
         count = self.row - self._flushed
-        self._write(slice(None), self._flushed, self._new[:, :, :count])
-        self._new[:, :, 0] = self._current_row
+        self._write(slice(None), self._flushed, self._pending[:, :, :count])
+        self._pending[:, :, 0] = self._current_row
         self._flushed = self.row
 
     @property

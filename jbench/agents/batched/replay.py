@@ -115,11 +115,11 @@ class ReplayBuffer:
         self._environments = sizes.environments
         self._size = sizes.observation
 
-        pending = self._span(flush_every)
+        most_pending = self._span(flush_every)
         width = sizes.observation + sizes.action + 1
         shape = sizes.seeds, sizes.environments
         self._rows = torch.zeros(*shape, self._ring, width, dtype=dtype, device=device)
-        self._new = torch.zeros(*shape, pending, width, dtype=dtype)
+        self._pending = torch.zeros(*shape, most_pending, width, dtype=dtype)
         self.row = 0
         self._flushed = 0
 
@@ -157,8 +157,8 @@ class ReplayBuffer:
     def flush(self) -> None:
         """Copies the rows added since the last call to the buffers."""
         count = self.row - self._flushed + 1
-        self._write(slice(None), self._flushed, self._new[:, :, :count])
-        self._new[:, :, 0] = self._current_row
+        self._write(slice(None), self._flushed, self._pending[:, :, :count])
+        self._pending[:, :, 0] = self._current_row
         self._flushed = self.row
 
     @property
@@ -227,7 +227,7 @@ class ReplayBuffer:
     @property
     def _current_row(self) -> Tensor:
         """The rows (seeds, environments, width) of the current observations."""
-        return self._new[:, :, self.row - self._flushed]
+        return self._pending[:, :, self.row - self._flushed]
 
     def _write(self, seeds: slice, first: int, rows: Tensor) -> None:
         """Writes rows (seeds, environments, rows, width) from row number `first` on."""

@@ -56,13 +56,19 @@ class SACLearner(OffPolicyLearner[SACSettings]):
         self.actor = self._network("actor", layout, workspace="actor")
         # Both critics' activations are needed at the same time, those of their targets are not.
         self.critics = self._critics(["critic1", "critic2"], ["critic1", "critic2"])
-        names = "critic1_target", "critic2_target"
-        self.critic_targets = self._critics(names, ["critic1", "critic1"])
+        self.critic_targets = self._critics(
+            ["critic1_target", "critic2_target"], ["critic1", "critic1"]
+        )
         self.log_temperature = view.state("log_temperature", 1)
         self._temperature_gradient = view.scratch("log_temperature.gradient", 1)
         if settings.ent_coef == "auto":
-            learned = self.log_temperature, self._temperature_gradient
-            self._temperature_adam = Adam(view, "log_temperature", *learned, settings.learning_rate)
+            self._temperature_adam = Adam(
+                view,
+                "log_temperature",
+                self.log_temperature,
+                self._temperature_gradient,
+                settings.learning_rate,
+            )
 
     def initialize(self, generator: Generator) -> None:
         """Draws the initial parameters of one seed."""

@@ -19,10 +19,11 @@ class TD3Learner(OffPolicyLearner[TD3Settings]):
         self.noise_per_transition = self.action_size
         # Only the actor's activations must outlive a forward pass of another network.
         self.actor = self._network("actor", self.policy_layout, workspace="actor")
-        self.critics = self._critics(["critic1", "critic2"], ["critic"] * 2)
+        self.critics = self._critics(["critic1", "critic2"], ["critic", "critic"])
         self.actor_target = self._network("actor_target", self.policy_layout, "critic")
-        names = "critic1_target", "critic2_target"
-        self.critic_targets = self._critics(names, ["critic"] * 2)
+        self.critic_targets = self._critics(
+            ["critic1_target", "critic2_target"], ["critic", "critic"]
+        )
 
     def is_delayed_update(self, update: int, update_of_call: int) -> bool:
         """Returns whether actor and target networks are updated."""

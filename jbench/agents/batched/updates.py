@@ -1,7 +1,7 @@
 """Off-policy updates: sampling minibatches per seed and updating each group of seeds."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -15,6 +15,18 @@ from jbench.agents.batched.replay import Batch, ReplayBuffer
 from jbench.settings.algorithms import OffPolicySettings
 
 _MAX_SAMPLED = 1000  # minibatches of pretraining that are sampled at once
+
+
+class _Sampled(NamedTuple):
+    """What was sampled for some updates, and the buffer from which each reads its own.
+
+    Attributes:
+        buffer: (..., batch, any).
+        values: (updates, ..., batch, any).
+    """
+
+    buffer: Tensor
+    values: Tensor
 
 
 class Updates:
@@ -74,29 +86,29 @@ class Updates:
             )
         self._update = Captured(self._source.device)
         self._delayed: list[bool] = []
-        self._samples: list[tuple[Tensor, Tensor]] = []
+        self._sampled: list[_Sampled] = []
 
     def pretrain(self, updates: int) -> None:
         """Makes updates of the features alone, which precede the first update of the agents."""
         remaining = updates
         while remaining:
             count = min(remaining, _MAX_SAMPLED)
-            samples = self._sample(count)
-            for i in range(count):
-                _put(samples, i)
+            sampled = self._sample(count)
+            for update in range(count):
+                _write_to_buffers(sampled, update)
                 self._update(self._update_once, None)
             remaining -= count
 
     def prepare(self, first: int, count: int) -> None:
         """Samples indices and noise for `count` updates from number `first` on, counted from 1."""
         self._delayed = [self._learner.is_delayed_update(first + i, i) for i in range(count)]
-        self._samples = self._sample(count)
+        self._sampled = self._sample(count)
 
     def run(self) -> None:
         """Makes the updates that were prepared."""
         self._learner.reset_losses(self._delayed)
-        for i, delayed in enumerate(self._delayed):
-            _put(self._samples, i)
+        for update, delayed in enumerate(self._delayed):
+            _write_to_buffers(self._sampled, update)
             self._update(self._update_once, delayed)
 
     def _update_once(self, delayed: bool | None) -> None:
@@ -115,32 +127,30 @@ class Updates:
         else:
             self._learner.update(self._batch, delayed)
 
-    def _sample(self, count: int) -> list[tuple[Tensor, Tensor]]:
-        """Returns buffers (..., size, any), each with samples (count, ..., size, any)."""
-        shape = (count, self._size)
+    def _sample(self, count: int) -> list[_Sampled]:
+        """Returns the indices, discounts and noise of the minibatches of `count` updates."""
         noise = self._batch.noise
         generators = [seed.updates for seed in self.group.generators]
-        sampled = [
-            self._replay.sample(generator, *shape, seed)
+        of_seeds = [
+            self._replay.sample(generator, count, self._size, seed)
             for seed, generator in zip(self.group.seeds, generators, strict=True)
         ]
         stack = self.group.stack
-        seed_rows = len(self._source) // len(sampled)
-        samples = [
-            (self._indices, stack([each.rows for each in sampled], seed_rows)),
-            (self._next_indices, stack([each.next_rows for each in sampled], seed_rows)),
-        ]
+        seed_rows = len(self._source) // len(of_seeds)
+        rows = stack([each.rows for each in of_seeds], seed_rows)
+        next_rows = stack([each.next_rows for each in of_seeds], seed_rows)
+        sampled = [_Sampled(self._indices, rows), _Sampled(self._next_indices, next_rows)]
         if self._replay.has_terminals:
-            discounts = [np.where(each.is_terminal, 0, self._gamma)[..., None] for each in sampled]
-            samples.append((self._batch.discounts, stack(discounts)))
+            discounts = [np.where(each.is_terminal, 0, self._gamma)[..., None] for each in of_seeds]
+            sampled.append(_Sampled(self._batch.discounts, stack(discounts)))
         if noise.shape[-1]:
-            size = (*shape, noise.shape[-1])
-            normal = [generator.standard_normal(size, np.float32) for generator in generators]
-            samples.append((noise, stack(normal)))
-        return samples
+            shape = (count, self._size, noise.shape[-1])
+            normal = [generator.standard_normal(shape, np.float32) for generator in generators]
+            sampled.append(_Sampled(noise, stack(normal)))
+        return sampled
 
 
-def _put(samples: Sequence[tuple[Tensor, Tensor]], update: int) -> None:
-    """Copies the indices and noise of an update to the buffers that it reads."""
-    for buffer, values in samples:
+def _write_to_buffers(sampled: Sequence[_Sampled], update: int) -> None:
+    """Copies the indices, discounts and noise of an update to the buffers that it reads."""
+    for buffer, values in sampled:
         buffer.copy_(values[update])

@@ -71,7 +71,9 @@ def _settings_from_arguments(kind: Any) -> type[Settings]:
 
 def description(algo: str) -> str:
     """Returns the first line of an algorithm's docstring; errors are those of `find_class`."""
-    return plugins.first_line(SETTINGS[algo] if algo in SETTINGS else find_class(algo))
+    if algo in SETTINGS:
+        return plugins.first_line(SETTINGS[algo])
+    return plugins.first_line(find_class(algo))
 
 
 def describe_settings(algo: str) -> list[dict[str, Any]]:
@@ -85,15 +87,14 @@ def describe_settings(algo: str) -> list[dict[str, Any]]:
     for name, field in kind.model_fields.items():
         if field.default is _NOT_RECORDED:
             continue
-        default = field.get_default(call_default_factory=True)
+
+        default: Any = "required"
+        if not field.is_required():
+            default = to_jsonable_python(field.get_default(call_default_factory=True))
+
         texts = [base.model_fields[name].description for base in bases if name in base.model_fields]
-        described.append(
-            {
-                "name": name,
-                "default": "required" if field.is_required() else to_jsonable_python(default),
-                "description": next(filter(None, texts), ""),
-            }
-        )
+        text = next(filter(None, texts), "")
+        described.append({"name": name, "default": default, "description": text})
 
     return described
 
@@ -138,8 +139,9 @@ def algorithm_fields(
     if algo in SETTINGS:
         ours = algorithm_settings(algo, default_base(task, base), changes)
         return fields | {"hyperparameters": ours.model_dump(mode="json")}
-    source = _changes_of_source(algo, base, task)
-    settings = settings_with(settings_class(algo), algo, {**source, **changes})
+
+    of_source = _source_changes(algo, base, task)
+    settings = settings_with(settings_class(algo), algo, {**of_source, **changes})
     return fields | {
         "hyperparameters": settings.model_dump(mode="json"),
         "package": package_and_version(algo),
@@ -147,7 +149,7 @@ def algorithm_fields(
     }
 
 
-def _changes_of_source(algo: str, base: SettingsBase | None, task: str) -> Changes:
+def _source_changes(algo: str, base: SettingsBase | None, task: str) -> Changes:
     """Returns what a source of hyperparameters changes in those of an algorithm of others.
 
     Only update rules may have sources, as those of `jbench.rules` have; `base` None is then the

@@ -97,6 +97,9 @@ class Environments:
     Close them in the end: they hold threads.
 
     Attributes:
+        size: numbers in an input of an agent, latents if it has an encoder.
+        action_size: numbers in an action.
+        generators: of each seed.
         observations: (seeds, environments, size) the current inputs of the agents, in float32.
         episodes: that each environment has completed.
         steps: of the current episodes.
@@ -178,14 +181,15 @@ class Environments:
     def action_signs(self, observations: Tensor) -> NDArray[np.float32]:
         """Returns the signs (seeds, N, 1) that map agents' actions to robots' for observations."""
         signs = np.ones((*observations.shape[:-1], 1), np.float32)
-        if self._mirrors:
-            if self._shared is not None:
-                return np.asarray(action_signs(self._shared, observations))
-            for seed, encoder in enumerate(self.encoders):
-                mirrored = action_signs(encoder, observations[seed])
-                if mirrored is not None:
-                    signs[seed] = mirrored
+        if not self._mirrors:
+            return signs
+        if self._shared is not None:
+            return np.asarray(action_signs(self._shared, observations))
 
+        for seed, encoder in enumerate(self.encoders):
+            mirrored = action_signs(encoder, observations[seed])
+            if mirrored is not None:
+                signs[seed] = mirrored
         return signs
 
     def state(self, seed: int) -> SeedState:

@@ -99,7 +99,8 @@ class PluginEngine(Engine):
     def restore(self, states: Sequence[SeedState]) -> None:
         """See `Engine.restore`."""
         (state,) = states
-        tensors, scalars = state
+        tensors = state.tensors
+        scalars = state.scalars
         self.environments.restore(0, state)
         self.control_steps = scalars["control_steps"]
         self._losses = unpack(scalars["losses"], tensors)
@@ -121,13 +122,13 @@ class PluginEngine(Engine):
         if self.diverged:
             return
 
-        terminated = np.zeros(actions.shape[1], bool)
-        truncated = terminated.copy()
+        ended = np.zeros(actions.shape[1], bool)
+        terminated = ended
         if step.ends is not None:
-            is_terminal = self._time_limit == "terminal"
             ended = step.ends.ended[0]
-            terminated = ended.copy() if is_terminal else step.ends.terminated[0].copy()
-            truncated = ended & ~terminated
+            terminated = step.ends.terminated[0]
+            if self._time_limit == "terminal":
+                terminated = ended
 
         # Copies: an agent may change its arrays, and these are also saved in checkpoints.
         transition = Transition(
@@ -135,8 +136,8 @@ class PluginEngine(Engine):
             actions[0],
             step.rewards[0].astype(np.float32),
             step.observations[0].numpy().copy(),
-            terminated,
-            truncated,
+            terminated.copy(),
+            ended & ~terminated,
         )
         numbers = self._numbers(self._call(self._agent.learn, transition))
         self._losses |= numbers

@@ -71,9 +71,14 @@ def compacted(replay: ReplayBuffer, seed: int, ends: Sequence[int]) -> CompactRe
     rows = replay.rows_since(seed)
     oldest = replay.row - rows.shape[1]
     begun = [replay.row_number(transition) for transition in (0, *ends)]
-    # If no episode has begun since the oldest row, all rows are kept.
-    whole = ((n, row) for n, row in enumerate(begun) if row >= oldest)
-    episodes, first = next(whole, (0, replay.row))
+    whole = [row for row in begun if row >= oldest]
+    if whole:
+        first = whole[0]
+        episodes = len(begun) - len(whole)
+    else:  # no episode has begun since the oldest row: all rows are kept
+        first = replay.row
+        episodes = 0
+
     has_action = replay.has_action(torch.arange(first, replay.row))
     actions = rows[:, first - oldest :, replay.action_columns][:, has_action]
     header = CompactHeader(episodes=episodes, row=first, sha256=_checksum(rows))

@@ -1,6 +1,6 @@
 """Trains runs in one engine, and commits their rows and checkpoints."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from typing import NamedTuple
 
@@ -14,10 +14,10 @@ from jbench.settings.engines import ENGINES
 from jbench.tasks.worlds import EpisodeError
 from jbench.timing import part
 from jbench.training import evaluation
-from jbench.training.checkpoints import compact_files, newest_roles, save
-from jbench.training.compact import reason_for_whole_state
+from jbench.training.checkpoints import save
 from jbench.training.engines import make_trainer
 from jbench.training.events import EpisodeEnded, Note, Report
+from jbench.training.kept_state import kept_state
 from jbench.training.log import CommitTimer, ProcessorClock
 from jbench.training.member import Member
 from jbench.training.replay_pieces import stored_rows
@@ -79,7 +79,7 @@ class TrainingGroup:
         Returns whether to go on.
         """
         self._fail_diverged()
-        self._fail_stopped()
+        self._fail_with(self._engine.failures)
         steps = self._engine.control_steps
         if ends is not None and self._active():
             with part("rows"):
@@ -231,41 +231,36 @@ class TrainingGroup:
         is_same = member.evaluated is not None and facts.copies_round_alike
         summary = member.log.summary(self._engine.control_steps, evaluated=is_same)
         policy = member.evaluated or self._engine.policy(index)
-        compact = self._compact_files(index, member)
-        whole = self._keep_state != "no" and not compact
+        policy_files = {}
+        if policy is not None:
+            policy_files = policy.files()
+
+        kept = kept_state(
+            self._keep_state, member.record, member.checkpoint, self._engine.replay, index
+        )
+        if kept.reason is not None:
+            what = f"The state of {member.settings.id} is kept with its replay buffer"
+            self._report(Note(f"{what}: {kept.reason}."))
+
         member.record.finish(
             {**summary, "together": self._sharing},
-            {} if policy is None else policy.files(),
-            keep=newest_roles(member.record) if whole else (),
-            checkpoints=compact,
+            policy_files,
+            keep=kept.roles,
+            checkpoints=kept.files,
         )
-
-    def _compact_files(self, index: int, member: Member) -> dict[str, bytes]:
-        """Returns the files of a compact state, by role, if it is asked for and can be kept."""
-        replay = self._engine.replay
-        checkpoint = member.checkpoint
-        if self._keep_state != "compact" or replay is None or checkpoint is None:
-            return {}
-        reason = reason_for_whole_state(member.record)
-        if reason is not None:
-            what = f"The state of {member.settings.id} is kept with its replay buffer"
-            self._report(Note(f"{what}: {reason}."))
-            return {}
-        return compact_files(checkpoint, member.record, replay, index)
 
     def _fail_diverged(self, *, weights: bool = False) -> None:
         """Fails the runs whose agents have diverged; checking the weights too takes longer."""
         if weights:
             self._engine.check_weights()
-        for index, divergence in self._engine.diverged.items():
-            if self._members[index].failure is None:
-                self._fail(self._members[index], divergence)
+        self._fail_with(self._engine.diverged)
 
-    def _fail_stopped(self) -> None:
-        """Fails the runs of which an episode could not go on."""
-        for index, error in self._engine.failures.items():
-            if self._members[index].failure is None:
-                self._fail(self._members[index], error)
+    def _fail_with(self, errors: Mapping[int, DivergedError] | Mapping[int, EpisodeError]) -> None:
+        """Fails the runs that have errors, by their index, unless they have failed before."""
+        for index, error in errors.items():
+            member = self._members[index]
+            if member.failure is None:
+                self._fail(member, error)
 
     def _fail(self, member: Member, error: DivergedError | EpisodeError) -> None:
         """Commits the pending rows of a run, and marks it as failed."""

@@ -205,7 +205,7 @@ def _update(rule: Rule, seeds: int) -> None:
     is_stack = seeds > 1
     make = partial(AutogradLearner, rule.settings, observation_size, action_size, rule=rule)
     tensors = Tensors(seeds)
-    learner = make(view=tensors if is_stack else tensors.select(0))
+    learner = make(view=tensors) if is_stack else make(view=tensors.select(0))
     for seed in range(seeds):
         make(view=tensors.select(seed)).initialize(torch.Generator().manual_seed(seed))
 

@@ -96,7 +96,7 @@ class RunningStatistics:
         """Returns what standardizes the inputs (seeds, N, size) of all agents, on the CPU."""
         return Standardization(self._shown_mean, self._shown_deviation, self._clip)
 
-    def standardization_of(self, seeds: range, *, is_stack: bool) -> Standardization:
+    def group_standardization(self, seeds: range, *, is_stack: bool) -> Standardization:
         """Returns what standardizes minibatches of a group of seeds, on their device.
 
         `send` brings it up to date.

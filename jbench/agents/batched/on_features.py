@@ -105,9 +105,11 @@ class OnFeatures(OffPolicyLearner[OffPolicySettings]):
     def _critics(self, names: Sequence[str], workspaces: Sequence[str]) -> list[Network]:
         """Returns critics of z_oa, which the first one computes for all."""
         critics: list[Network] = []
+        first: Network | None = None
         for name, workspace in zip(names, workspaces, strict=True):
-            make = partial(FeatureCritic, self.features, critics[0] if critics else None)
+            make = partial(FeatureCritic, self.features, first)
             critics.append(self._network(name, self.critic_layout, workspace, make))
+            first = critics[0]
         return critics
 
 

@@ -59,7 +59,10 @@ class PPOLearner(Learner[PPOSettings]):
         is_shared = self.settings.shared_layers
         hidden = self.policy_layout.sizes[:-1]
         # One network with the outputs mu(s) and V(s), or two networks.
-        actor_layout = Layout((*hidden, self.action_size + (1 if is_shared else 0)))
+        actor_outputs = self.action_size
+        if is_shared:
+            actor_outputs += 1
+        actor_layout = Layout((*hidden, actor_outputs))
         critic_layout = Layout((*hidden, 1))
 
         # Networks and log sigma are one vector, because their gradient is clipped by its norm.

@@ -81,7 +81,7 @@ class Updates:
             self._mirror = mirror.reshape(2, *view.batch_shape, 1, width)
         self._standardization = None
         if statistics is not None:
-            self._standardization = statistics.standardization_of(
+            self._standardization = statistics.group_standardization(
                 group.seeds, is_stack=view.is_stack
             )
         self._update = Captured(self._source.device)

@@ -165,7 +165,13 @@ def rollout_of_stable_baselines3(task, seed, actions, agent):
 
 
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("task", ["gym:Hopper-v5", "gym:Reacher-v5", "gym:Pendulum-v1"])
+@pytest.mark.parametrize(
+    "task",
+    [
+        "gym:Hopper-v5",
+        *(pytest.param(t, marks=pytest.mark.slow) for t in ("gym:Reacher-v5", "gym:Pendulum-v1")),
+    ],
+)
 def test_advantages_of_a_rollout_equal_those_of_stable_baselines3(task, seed, monkeypatch):
     """In float32, of rewards of the order of 10, and returns of up to 1000."""
     steps = {"n_envs": 1, "n_steps": STEPS, "batch_size": STEPS}

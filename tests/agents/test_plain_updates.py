@@ -116,7 +116,7 @@ def test_updates_equal_autograd(case, actions):
         plain = PLAIN[algo][0](settings, SIZE, actions)
         layers = [*paired_layers(algo, learner, plain)]
     copy_parameters(layers)
-    for number in range(1, 51):
+    for number in range(1, 31):
         if algo == "ppo":
             batch = minibatch(learner, random)
         else:

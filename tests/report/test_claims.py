@@ -60,7 +60,10 @@ FAR = np.full(10, math.ceil(RANDOM + 50))
             *(NARROW, -200, -20, "undecided", "nothing is gained on move_in_direction (-10)"),
             marks=pytest.mark.slow,
         ),
-        (NEAR, 0, 100, "undecided", f"within 50 of random actions ({RANDOM:.0f})"),
+        pytest.param(
+            *(NEAR, 0, 100, "undecided", f"within 50 of random actions ({RANDOM:.0f})"),
+            marks=pytest.mark.slow,
+        ),
         pytest.param(FAR, 0, 100, "supported", "", marks=pytest.mark.slow),
     ],
 )

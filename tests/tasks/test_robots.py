@@ -60,7 +60,11 @@ def touch_itself(random, data):
         pytest.param(
             lambda random, step: (-1) ** (step // 2), id="alternating", marks=pytest.mark.slow
         ),
-        pytest.param(lambda random, step: random.choice([-1, 1]), id="random direction"),
+        pytest.param(
+            lambda random, step: random.choice([-1, 1]),
+            id="random direction",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_states_equal_those_of_general_collision(robot, general, control):

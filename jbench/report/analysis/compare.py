@@ -92,8 +92,8 @@ def _compared(pairs: Sequence[Pair], known: Mapping[str, Range]) -> Comparison:
         names["task"] = together(known)
 
     places = [known[pair.ours.task] for pair in pairs]
-    sides = zip(*(pair.scores for pair in pairs), strict=True)
-    first, other = (strata([scores.final for scores in side], places)[0] for side in sides)
+    sides = zip(*(pair.finals for pair in pairs), strict=True)
+    first, other = (strata(finals, places)[0] for finals in sides)
     names["seeds_a"] = sum(map(len, first))
     names["seeds_b"] = sum(map(len, other))
     names["steps"] = max(pair.control_steps for pair in pairs)

@@ -1,10 +1,11 @@
 """Two configurations, and the evidence that their scores differ."""
 
-from functools import cache, partial
+from functools import cache, cached_property, partial
 
 import numpy as np
 from scipy.stats import rankdata
 
+from jbench.array_types import FloatArray
 from jbench.report.analysis.scores import mean_returns, seed_scores
 from jbench.report.data.configuration import Configuration
 from jbench.report.data.scores import Scores
@@ -28,22 +29,37 @@ class Pair:
         self.sides = (ours, theirs)
         last = int(min(ours.last_step, theirs.last_step))
         self.control_steps = last if control_steps is None else control_steps
-        self.scores = [self._scores(ours, theirs), self._scores(theirs, ours)]
-        self.seeds = min(len(side.final) for side in self.scores)
+        self._alone = [seed_scores(side, self.control_steps) for side in self.sides]
+        self.seeds = min(len(side.final) for side in self._alone)
 
     def up_to(self, control_steps: int) -> "Pair":
         """Returns the pair with scores up to an earlier control step, or the same one."""
         return self if control_steps == self.control_steps else Pair(*self.sides, control_steps)
 
-    def _scores(self, side: Configuration, other: Configuration) -> Scores:
-        """Returns the scores of a side, whose means over the run compare with the other's."""
-        scores = seed_scores(side, self.control_steps)
-        area = mean_returns(side, [other], self.control_steps)
-        return scores._replace(area=area[scores.known])
+    @cached_property
+    def scores(self) -> list[Scores]:
+        """The scores of both sides, whose means over the run compare with the other's.
+
+        Most pairs of a report are compared by their final returns alone.
+        """
+        found = []
+        for alone, side, other in zip(self._alone, self.sides, self.sides[::-1], strict=True):
+            area = mean_returns(side, [other], self.control_steps)
+            found.append(alone._replace(area=area[alone.known]))
+        return found
+
+    @property
+    def finals(self) -> list[FloatArray]:
+        """The final returns (seeds,) of both sides."""
+        return [side.final for side in self._alone]
+
+    def _values(self, scores: str) -> list[FloatArray]:
+        """Returns the `final` returns or the means over the run (`area`) of both sides."""
+        return self.finals if scores == "final" else [side.area for side in self.scores]
 
     def sample(self, statistic: st.Statistic, scores: str = "final") -> st.Resampled:
         """Returns a statistic of the scores of both: `final`, or `area`."""
-        groups = ([getattr(side, scores)] for side in self.scores)
+        groups = ([values] for values in self._values(scores))
         return st.samples([statistic], *groups)[0]
 
     def difference(self, scores: str = "final", margin: float = 0.0) -> Evidence:
@@ -54,7 +70,7 @@ class Pair:
             margin: within which both are equal; 0 if they never are.
         """
         sample = self.sample(IQM_DIFFERENCE, scores)
-        ours, theirs = (getattr(side, scores) for side in self.scores)
+        ours, theirs = self._values(scores)
 
         @cache
         def p_of_shifted(shift: float) -> float:
@@ -72,10 +88,10 @@ class Pair:
 
         @cache
         def p_of_difference(_: float) -> float:
-            ours, theirs = (np.abs(side.final - np.median(side.final)) for side in self.scores)
+            ours, theirs = (np.abs(final - np.median(final)) for final in self.finals)
             return p_value([ours], [theirs])
 
-        ours, theirs = (side.agents for side in self.scores)
+        ours, theirs = (side.agents for side in self._alone)
         estimate = partial(deviation_difference, ours, theirs)
         return Evidence(estimate, p_of_difference, self.seeds)
 
@@ -84,7 +100,7 @@ class Pair:
 
         @cache
         def p_of_difference(_: float) -> float:
-            first, other = (side.final for side in self.scores)
+            first, other = self.finals
             ranks = rankdata(np.concatenate([first, other]))
             ours, theirs = np.split(ranks, [len(first)])
             return p_value([ours], [theirs])

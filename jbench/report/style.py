@@ -1,7 +1,9 @@
 """How series look: a color by kind of representation or by algorithm, dash and mark by variant.
 
-The first seven kinds and all algorithms have colors that the color-blind tell apart (Okabe and Ito,
-2008; Tol, 2021). Representations and algorithms share no color, so that a color means one thing.
+The color-blind tell the first nine kinds apart, and all algorithms (after Okabe and Ito, 2008, and
+Tol, 2021). Each color has a contrast of 3 or more with the background of files and of both themes
+of the page (WCAG 2.2, 1.4.11), for which some are darker than in those palettes. Representations
+and algorithms share no color, so that a color means one thing.
 """
 
 import io
@@ -19,26 +21,26 @@ _KINDS = {
     "full": "#7a7f87",
     "scaled": "#0072b2",
     "planar": "#009e73",
-    "forward": "#56b4e9",
-    "random": "#e69f00",
+    "forward": "#1a73e8",
+    "random": "#8e5f24",
     "pca": "#d55e00",
     "dae": "#cc79a7",
     "heading": "#8f7be0",
-    "raw": "#a89f8d",
+    "raw": "#706a41",
     "ae": "#9c4f96",
     "ddae": "#e7298a",
     "vae": "#7f9a00",
     "lld-vae": "#b15928",
     "dmd": "#b08d57",
     "contrastive": "#c0392b",
-    "random-features": "#c4ae00",
-    "ofe": "#2fb3a6",
-    "inverse": "#c2185b",
+    "random-features": "#a38f00",
+    "ofe": "#1f8a85",
+    "inverse": "#c61d5f",
     "predictive": "#3f7fbf",
 }
-_OTHER_KINDS = ("#e377c2", "#4aa3df", "#6b8e23", "#a0522d", "#c71585", "#5f9ea0")
-_ALGORITHMS = {"DDPG": "#4477aa", "PPO": "#b5a11f", "SAC": "#228833", "TD3": "#ee6677"}
-_OTHER_ALGORITHMS = ("#aa3377", "#33bbee", "#994f00", "#5d3fd3", "#ee7733", "#2a9d8f", "#8d99ae")
+_OTHER_KINDS = ("#d057ae", "#2e8fd0", "#6b8e23", "#a0522d", "#c71585", "#5f9ea0")
+_ALGORITHMS = {"DDPG": "#4477aa", "PPO": "#93980a", "SAC": "#228833", "TD3": "#ee6677"}
+_OTHER_ALGORITHMS = ("#845d76", "#4581d3", "#72694d", "#9d69fa", "#ba3f1d", "#08a578", "#808ea7")
 _MARKERS = "os^vPXDph<>*d8H"  # of the first series of the colors, in their order
 _DASHES: tuple[Dash, ...] = (  # of the other series of a color, the first of which is solid
     (4, 1.6),

@@ -95,19 +95,6 @@ def test_no_two_algorithms_look_alike_and_none_has_the_color_of_a_representation
     assert not colors & {look.color for look in looks.values()}
 
 
-def test_the_color_blind_can_tell_the_main_representations_apart():
-    """Distances in a space of two dimensions, of which one is luminance (Machado et al., 2009)."""
-    deuteranopia = np.array([[0.367, 0.861, -0.228], [0.280, 0.673, 0.047], [-0.012, 0.043, 0.969]])
-    main = ("full", "scaled", "planar", "random", "pca", "dae", "forward")
-    looks = representation_looks(main)
-    rgb = [[int(look.color[i : i + 2], 16) / 255 for i in (1, 3, 5)] for look in looks.values()]
-    seen = np.array(rgb) @ deuteranopia.T
-    apart = np.linalg.norm(seen[:, None] - seen[None], axis=2)[np.triu_indices(len(main), 1)]
-    markers = [look.marker for look in looks.values()]
-    assert apart.min() > 0.08
-    assert len(set(markers)) == len(main)
-
-
 @pytest.mark.parametrize(("other", "lines"), [("move_in_direction", 3), ("cartpole.swingup", 1)])
 def test_profiles_have_the_return_of_a_solved_task_where_all_tasks_have_one(fabric, other, lines):
     for task in ("face_direction", other):

@@ -5,7 +5,8 @@ No number is ever cut, and no line breaks within a word, or within a value in br
 
 1. Long texts wrap between words, and so do headings.
 2. The columns named `below` become lines under the table.
-3. Long words, such as ids, are shortened in the middle; different ones stay different.
+3. Long words, such as ids, are shortened in the middle; different ones stay different. A sentence
+   below the table says where they are whole, since nobody can type them so.
 4. The columns named `spare` are left out, in the order of their names.
 5. Long words are shortened further.
 6. Each row becomes a list with a line for each cell.
@@ -132,7 +133,7 @@ def print_table(
 
     console.width = max(width, sum(column.width or 0 for column in grid.columns) + _margins(2))
     console.print(grid)
-    _print_below(console, layout)
+    _print_below(console, layout, columns)
 
 
 def fitted(
@@ -154,7 +155,8 @@ def fitted(
                 kept = _without(beside, left_out)
                 return TableLayout(_shortened_to_fit(kept, width, shortest), beneath, left_out)
 
-    return TableLayout(columns, is_list=True)
+    room = _value_width(columns, width)
+    return TableLayout([column.shortened(room) for column in columns], is_list=True)
 
 
 def _as_few_as_possible(
@@ -228,12 +230,9 @@ def _grid(layout: TableLayout, width: int) -> Table:
 
 def _list(layout: TableLayout, width: int) -> Table:
     """Returns a table of names and values, with an empty line after each row."""
-    names = max(max(map(cell_len, column.name.split()), default=0) for column in layout.columns)
-    natural = max(cell_len(column.name) for column in layout.columns)
-    names = min(natural, max(names, width // 3))
-    room = max(width - names - _margins(2), _SHORTEST_AT_ALL)
-    values = [column.shortened(room) for column in layout.columns]
-    room = max(room, *(column.least for column in values))
+    values = layout.columns
+    names = _name_width(values, width)
+    room = max(_value_width(values, width), *(column.least for column in values))
     grid = Table(box=box.SIMPLE, pad_edge=False, show_header=False, padding=(0, 1, 0, 0))
     grid.add_column(width=names, style="bold")
     grid.add_column(width=room)
@@ -247,8 +246,20 @@ def _list(layout: TableLayout, width: int) -> Table:
     return grid
 
 
-def _print_below(console: Console, layout: TableLayout) -> None:
-    """Prints what had no room in a table below it."""
+def _name_width(columns: list[_Column], width: int) -> int:
+    """Returns the width of the names in a list of names and values."""
+    longest_word = max(max(map(cell_len, column.name.split()), default=0) for column in columns)
+    natural = max(cell_len(column.name) for column in columns)
+    return min(natural, max(longest_word, width // 3))
+
+
+def _value_width(columns: list[_Column], width: int) -> int:
+    """Returns the width of the values in a list of names and values."""
+    return max(width - _name_width(columns, width) - _margins(2), _SHORTEST_AT_ALL)
+
+
+def _print_below(console: Console, layout: TableLayout, columns: list[_Column]) -> None:
+    """Prints what had no room in a table of these columns below it."""
     first = layout.columns[0]
     for column in layout.below:
         for name, cell in zip(first.cells, column.cells, strict=True):
@@ -259,3 +270,9 @@ def _print_below(console: Console, layout: TableLayout) -> None:
     if layout.left_out:
         names = ", ".join(layout.left_out)
         console.print(Text(f"Too narrow for {names}: a wider terminal, or --json, shows all."))
+
+    whole = {cell for column in columns for cell in column.cells}
+    if not whole.issuperset(cell for column in layout.columns for cell in column.cells):
+        console.print(
+            Text("… stands for a part of a name: a wider terminal, or --json, shows it whole.")
+        )

@@ -83,6 +83,14 @@ def with_results(command: str, results: Path) -> str:
     return f"{command} --results {shlex.quote(str(results))}"
 
 
+def directory_name(path: Path) -> str:
+    """Returns the name of a directory, also of `.` and `..`; that of results if it has none."""
+    name = path.name
+    if name in ("", ".."):
+        name = path.resolve().name
+    return name or RESULTS
+
+
 def in_matrix_file(keys: str, table: str = "") -> str:
     """Returns which keys of a matrix file do what the options of a message do, in parentheses."""
     of_table = f" of [{table}]" if table else ""

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from jbench.wording import duration, with_results
+from jbench.wording import directory_name, duration, with_results
 
 
 @pytest.mark.parametrize(
@@ -22,6 +22,14 @@ from jbench.wording import duration, with_results
 )
 def test_durations_are_rounded_before_they_are_divided_into_units(seconds, text):
     assert duration(seconds) == text
+
+
+def test_directory_has_its_name_wherever_it_is_named_from(tmp_path, monkeypatch):
+    place = tmp_path / "my results"
+    (place / "runs").mkdir(parents=True)
+    monkeypatch.chdir(place)
+    names = [directory_name(Path(path)) for path in (".", "runs/..", place, "runs", "/")]
+    assert names == ["my results", "my results", "my results", "runs", "results"]
 
 
 def test_suggested_command_has_results_unless_they_are_the_default():

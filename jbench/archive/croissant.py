@@ -16,6 +16,7 @@ import pyarrow.parquet as pq
 from jbench.errors import RequestError, WorkError
 from jbench.store import Record, Results, files, schema
 from jbench.store.tables import read_tables
+from jbench.wording import directory_name
 
 METADATA = "metadata.json"
 
@@ -53,7 +54,7 @@ def write_croissant(results: Results, out: Path, dataset: Record | None = None) 
     """
     files.make_directory(out, "--out")
     if dataset is None:
-        name = results.name.name
+        name = directory_name(results.name)
         tables = _tables_of(results)
     else:
         name = dataset.id.replace("/", "-")

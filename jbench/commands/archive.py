@@ -7,7 +7,7 @@ from typer import Argument, Option
 from jbench import names
 from jbench.commands import options, output, parsing
 from jbench.errors import RequestError
-from jbench.wording import counted
+from jbench.wording import counted, directory_name
 
 
 def archive(
@@ -54,9 +54,7 @@ def archive(
 
 def _default_file(results: Path, blind: bool) -> Path:
     """Returns a file in the working directory that is named after a results directory."""
-    name = results.name
-    if name in ("", ".."):
-        name = results.resolve().name
+    name = directory_name(results)
     if blind:
         name += "-blind"
 

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from jbench.array_types import FloatArray
     from jbench.store import Results
 
+_TURN = 360  # degrees; a float has no digits for the direction of a huge angle
+
 _POSE_SEED = options.whole_number(
     0, unit="SEED", most=names.MAX_SEED, help="Random seed of the pose and the target."
 )
@@ -41,13 +43,15 @@ def evaluate(
     from jbench.policies.code import policy_code, policy_provenance
     from jbench.policies.evaluate import evaluate as run_episodes
     from jbench.policies.evaluate import plan_evaluation
-    from jbench.policies.sb3_zip import is_sb3_zip
+    from jbench.policies.sb3_zip import is_sb3_zip, recorded_name
     from jbench.settings.base import validated
     from jbench.sources import checksum
     from jbench.tasks.find import find_task
 
-    if target_yaw is not None and not math.isfinite(target_yaw):
-        raise RequestError(f"--target-yaw {target_yaw}: type degrees, such as 45.")
+    if target_yaw is not None and not abs(target_yaw) <= _TURN:
+        raise RequestError(
+            f"--target-yaw {target_yaw:g}: type degrees from -{_TURN} to {_TURN}, such as 45."
+        )
 
     database, policy, task = _find(results, policy, task, chosen["augment"], "face_direction")
     about = find_task(task)
@@ -56,7 +60,7 @@ def evaluate(
 
     saved_as = policy
     if is_sb3_zip(policy):
-        saved_as = Path(policy).name
+        saved_as = recorded_name(policy)
 
     settings = validated(
         EvaluationSettings,

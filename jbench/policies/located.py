@@ -1,5 +1,6 @@
 """Runs whose policies are meant by a name: those of the results, and those shipped with jbench."""
 
+from collections.abc import Sequence
 from difflib import get_close_matches
 from typing import NamedTuple
 
@@ -12,6 +13,8 @@ from jbench.typed_values import shown_as
 
 SHIPPED = f"{REFERENCE}/"
 """Prefix of the names of shipped policies; the id of the run follows."""
+
+_LISTED = 8  # names in a message
 
 
 def shipped_policies() -> list[str]:
@@ -44,7 +47,7 @@ def locate_run(results: Results, name: str) -> LocatedRun:
 
     if matches:
         raise RequestError(
-            f"{name} is not unique; type one of {', '.join(matches)} "
+            f"{name} is not unique; type one of {_listed(matches)} "
             "(jbench runs --results reference shows how they differ)."
         )
 
@@ -57,4 +60,11 @@ def locate_run(results: Results, name: str) -> LocatedRun:
 
     same = [shipped for shipped in names if shipped.startswith(f"{name.rpartition('/')[0]}/")]
     choices = same or sorted(get_close_matches(name, names, 3)) or names
-    raise RequestError(f"No policy is shipped as {name}; type one of {', '.join(choices)}.")
+    raise RequestError(f"No policy is shipped as {name}; type one of {_listed(choices)}.")
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Returns names for a sentence, the first ones of many."""
+    if len(names) <= _LISTED:
+        return ", ".join(names)
+    return f"{', '.join(names[:_LISTED])} or {len(names) - _LISTED:,} others"

@@ -6,6 +6,7 @@ pickled objects in the file are loaded, so no code in the file runs.
 
 import io
 import json
+import re
 import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -53,6 +54,8 @@ _DETERMINISTIC = _ActorForm("actor.mu.", "actor.latent_pi.", "ReLU", [Tanh()], i
 _STOCHASTIC = _ActorForm("action_net.", "mlp_extractor.policy_net.", "Tanh")
 """Of PPO, A2C and TRPO."""
 
+_LONGEST = 96  # characters of a name without .zip in an id
+
 _FORMS = (_DETERMINISTIC, _STOCHASTIC)
 
 _ACTIVATIONS = {
@@ -65,6 +68,13 @@ _ACTIVATIONS = {
 def is_sb3_zip(name: str) -> bool:
     """Returns whether a policy is the file of a model."""
     return name.endswith(".zip")
+
+
+def recorded_name(path: str) -> str:
+    """Returns the name of a file as records have it, whose ids lack spaces and other characters."""
+    name = Path(path).name.removesuffix(".zip")
+    stem = re.sub(r"[^\w.,:=-]", "-", name, flags=re.ASCII).lstrip("_.,:=-")
+    return f"{stem[:_LONGEST] or 'model'}.zip"
 
 
 def zip_content(path: str) -> bytes:

@@ -126,7 +126,7 @@ class EvaluationSettings(RecordSettings):
 
     task: str
     specs: Specs | None = omissible(None, description="of a task of another robot")
-    policy: str = Field(description="as typed by the user, such as heuristic; a file has no path")
+    policy: str = Field(description="as typed by the user, such as heuristic; of a file, its name")
     episodes: Count = Field(100, description="number of episodes")
     seed: Seed = Field(0, description="random seed of poses, targets and actions")
     states: bool = Field(False, description="record the state at every control step")

@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from jbench.archive.croissant import write_croissant
 from jbench.store import Results
 from jbench.store.tables import read_tables
 
@@ -54,6 +55,13 @@ def test_license_and_responsible_fields_are_there(demo_results, tmp_path, run_co
     assert "licenses/by/4.0" in str(metadata.license)
     assert "MuJoCo" in str(metadata.data_collection)
     assert "ACRA 2020" in metadata.cite_as
+
+
+def test_results_that_are_the_working_directory_have_its_name(demo_results, tmp_path, monkeypatch):
+    monkeypatch.chdir(demo_results.path)
+    write_croissant(Results("."), tmp_path)
+    metadata = croissant.Dataset(jsonld=str(tmp_path / "metadata.json")).metadata
+    assert metadata.name == demo_results.path.name
 
 
 def test_empty_results_are_refused(tmp_path, refused):

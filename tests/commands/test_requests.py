@@ -84,6 +84,8 @@ from tests.store.store_whole import add_whole_run
         (("export", "--accept-changed-code"), "--accept-changed-code is not for minari"),
         (("verify", "--accept-changed-code"), "is for --reevaluate; type both, or neither."),
         (("view", "best"), "Unknown policy 'best'"),
+        (("evaluate", "--target-yaw", "nan"), "--target-yaw nan: type degrees from -360 to 360"),
+        (("evaluate", "--target-yaw", "1e308"), r"1e\+308: type degrees from -360 to 360, such"),
         (("leaderboard", "reference"), "--results and DIR exclude each other"),
         (("sweep", "smoke", "--address", "here:1"), "are for --executor ray"),
         (("sweep", "smoke", "--executor", "ray", "--device", "cpu"), "type --gpus-per-task"),

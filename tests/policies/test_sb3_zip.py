@@ -13,7 +13,9 @@ from stable_baselines3 import A2C, DDPG, PPO, SAC, TD3
 from jbench.cli import main
 from jbench.errors import RequestError
 from jbench.policies.actors import acting
-from jbench.policies.sb3_zip import read_sb3_zip
+from jbench.policies.sb3_zip import read_sb3_zip, recorded_name
+from jbench.settings.records import EvaluationSettings
+from jbench.store.manifest import ID
 from jbench.tasks.find import find_task
 
 FACE = "face_direction"
@@ -151,6 +153,24 @@ def test_file_is_evaluated_and_its_content_is_part_of_the_id(save, tmp_path, cap
     assert len(set(ids)) == 2
     assert main(["evaluate", "none.zip", *where]) == 2
     assert "none.zip can't be read (No such file or directory)." in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("path", "name"),
+    [
+        ("models/td3_best-1.zip", "td3_best-1.zip"),
+        ("a:b,c=d.zip", "a:b,c=d.zip"),  # characters that ids have a point for
+        ("my model (1).zip", "my-model--1-.zip"),
+        ("\u6a21\u578b.zip", "model.zip"),
+        ("..zip", "model.zip"),
+        ("-x.zip", "x.zip"),
+        ("x" * 200 + ".zip", "x" * 96 + ".zip"),
+    ],
+)
+def test_file_of_any_name_can_be_evaluated(path, name):
+    assert recorded_name(path) == name
+    settings = EvaluationSettings(task=FACE, policy=name)
+    assert ID.fullmatch(settings.id)
 
 
 @pytest.mark.parametrize(

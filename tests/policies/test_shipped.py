@@ -153,6 +153,16 @@ def test_ambiguous_name_is_refused_with_choices(database, name, message, refused
     assert message.format(name, there) in refused("evaluate", name)
 
 
+def test_many_choices_are_counted(monkeypatch, refused):
+    names = [f"reference/face_direction/td3/full/s{seed:02d}-0" for seed in range(98)]
+    monkeypatch.setattr(located, "shipped_policies", lambda: names)
+    choices = f"type one of {', '.join(names[:8])} or 90 others"
+    assert f"is not unique; {choices} (jbench runs" in refused("evaluate", names[0][:-6])
+    assert f"No policy is shipped as reference/x/y; {choices}." in refused(
+        "evaluate", "reference/x/y"
+    )
+
+
 def test_run_without_policy_is_refused(database, refused):
     run = database.scan("run")[0][0]
     for name in ("policy.json", "policy.safetensors"):

@@ -19,7 +19,7 @@ def shipped():
 
 @pytest.fixture(scope="module")
 def of_sac(tmp_path_factory):
-    """Returns the shipped runs of SAC on face_direction alone, a fiftieth of the rows."""
+    """Returns the shipped runs of SAC on face_direction alone, which are read sooner than all."""
     path, whole = tmp_path_factory.mktemp("sac"), shipped_results().path
     for kept in ("runs/face_direction/sac", "evaluations/face_direction/face_direction.sac.*"):
         for folder in whole.glob(kept):
@@ -35,33 +35,33 @@ def of_sac(tmp_path_factory):
     ],
 )
 def test_runs_have_final_returns_and_settings(results, algo, precisions, request):
-    shipped = request.getfixturevalue(results)
-    runs = shipped.runs(task="face_direction", algo=algo).set_index("run")
-    assert len(runs) == shipped.query(
+    opened = request.getfixturevalue(results)
+    runs = opened.runs(task="face_direction", algo=algo).set_index("run")
+    assert len(runs) == opened.query(
         f"SELECT count(*) AS n FROM runs WHERE task = 'face_direction' AND algo = '{algo}'"
     ).iloc[0, 0]  # fmt: skip
-    last = shipped.query(
+    last = opened.query(
         "SELECT run, avg(episode_return) AS mean FROM evaluations WHERE (run, evaluation) IN "
         "(SELECT (run, max(evaluation)) FROM evaluations GROUP BY run) GROUP BY run"
     ).set_index("run")["mean"]
-    more = shipped.query(
+    more = opened.query(
         "SELECT policy AS run, avg(episode_return) AS mean FROM policy_episodes "
         "JOIN policy_evaluations USING (evaluation) GROUP BY policy"
     ).set_index("run")["mean"]
     at_end = runs["evaluation_return_at_end"]
     assert np.allclose(at_end, last.loc[runs.index])
-    in_sql = shipped.query("SELECT run, evaluation_return_at_end AS x FROM final_returns")
+    in_sql = opened.query("SELECT run, evaluation_return_at_end AS x FROM final_returns")
     assert np.allclose(at_end, in_sql.set_index("run")["x"].loc[runs.index])
     # Ten episodes in training, and 90 by `jbench evaluate`.
     last.update(0.1 * last + 0.9 * more)
     assert np.allclose(runs["evaluation_return"], last.loc[runs.index])
     # The final training return: 100 episodes of 1000 control steps, of which a quarter counts.
     run = runs.index[runs["engine"] == "sb3"][0]
-    training = shipped.query(
+    training = opened.query(
         f"SELECT avg(episode_return) FROM episodes WHERE run = '{run}' AND episode >= 75"
     ).iloc[0, 0]
     assert runs.loc[run, "training_return"] == pytest.approx(training)
-    (recorded,) = shipped.query(
+    (recorded,) = opened.query(
         f"SELECT settings->'hyperparameters'->>'buffer_size' AS n FROM runs WHERE run = '{run}'"
     )["n"]
     assert runs.loc[run, "buffer_size"] == int(recorded)

@@ -206,14 +206,18 @@ def reproduce(
     code = changes.changed_code(record, database, accept_changed_code)
     evaluation = None
     if record.is_finished:
-        evaluation = repeat.reevaluate(database, record, accept_changed_code)
+        total = repeat.episodes_to_repeat(record)
+        work = f"reproduce {record.id}, evaluation"
+        with output.progress(work, total, "episodes") as progress:
+            evaluation = repeat.reevaluate(database, record, accept_changed_code, progress)
 
     retraining = None
     if episodes == 0:
         _check_can_be_compared(record, evaluation)
     else:
         total = repeat.steps_to_repeat(record, episodes)
-        with output.progress(f"reproduce {record.id}", total, "control steps") as progress:
+        work = f"reproduce {record.id}, training"
+        with output.progress(work, total, "control steps") as progress:
             retraining = repeat.retrain(database, record, episodes, progress, accept_changed_code)
 
     changed = changes.changes_since(record)

@@ -1,6 +1,6 @@
 """The encoder, the environment and the evaluations that follow from the settings of a run."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -116,6 +116,7 @@ def evaluate_policies(
     threads: int = 1,
     control_steps: int = 0,
     episodes: int | None = None,
+    show_done: Callable[[int], None] | None = None,
 ) -> list[Evaluation]:
     """Evaluates the deterministic policies of runs that differ in their seeds.
 
@@ -132,6 +133,7 @@ def evaluate_policies(
         threads: of the simulation; the returns do not depend on them.
         control_steps: of the training so far; they determine the robot.
         episodes: of each run; None for the number in the settings, as in all earlier evaluations.
+        show_done: is called with the number of episodes of each run that have ended.
     """
     # As many at a time as in other evaluations: a matrix product rounds by its size.
     block = settings.evaluate_episodes
@@ -158,6 +160,8 @@ def evaluate_policies(
         count = min(block, episodes - done)
         with task.worlds(count * len(seeds), threads, augment) as worlds:
             blocks.append(_evaluations(task, worlds, generators, count, act))
+        if show_done is not None:
+            show_done(done + count)
 
     evaluations = []
     for parts in zip(*blocks, strict=True):

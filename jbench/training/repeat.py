@@ -41,12 +41,28 @@ from jbench.training.repeated_rows import (
 )
 
 
-def reevaluate(results: Results, record: Record, accept_changed: bool = False) -> Repeated:
+def episodes_to_repeat(record: Record) -> int:
+    """Returns the number of episodes that `reevaluate` runs; 0 if the run is not comparable."""
+    rows = read_rows(record, "evaluation")
+    if _obstacle(record, read_run(record.settings), rows) is not None:
+        return 0
+
+    _, last = _last_evaluation(rows)
+    return 1 + max(key.episode for key in last)
+
+
+def reevaluate(
+    results: Results,
+    record: Record,
+    accept_changed: bool = False,
+    show_done: Callable[[int], None] | None = None,
+) -> Repeated:
     """Repeats the last evaluation of a finished run: the same initial states, with the kept policy.
 
     On the same kind of processor with the same versions, the returns are the same bits. The results
     contain its encoder. A run whose users' code has changed is not comparable, unless that is
-    accepted. Raises a WorkError if a file of the run is damaged.
+    accepted. `show_done` is called with the number of ended episodes. Raises a WorkError if a file
+    of the run is damaged.
     """
     settings = read_run(record.settings)
     rows = read_rows(record, "evaluation")
@@ -55,8 +71,7 @@ def reevaluate(results: Results, record: Record, accept_changed: bool = False) -
         return obstacle
     assert not isinstance(settings, Unreadable)
 
-    number = max(key.number for key in rows)
-    recorded = {key: row for key, row in rows.items() if key.number == number}
+    number, recorded = _last_evaluation(rows)
     control_steps = max(key.control_steps for key in recorded)
     try:
         changed = changed_code(record, results, accept_changed)
@@ -72,6 +87,7 @@ def reevaluate(results: Results, record: Record, accept_changed: bool = False) -
                 act,
                 control_steps=control_steps,
                 episodes=1 + max(key.episode for key in recorded),
+                show_done=show_done,
             )
     except ChangedCodeError as error:
         return _not_comparable(record, str(error))
@@ -213,6 +229,12 @@ def default_episodes(record: Record) -> int:
     losses = np.column_stack([rows[name].is_valid().to_numpy() for name in schema.LOSSES])
     updated = np.flatnonzero(losses.any(axis=1))
     return int(updated[0]) + 1 if len(updated) else 1
+
+
+def _last_evaluation(rows: Rows) -> tuple[int, Rows]:
+    """Returns the number of the last evaluation of a run, and its rows."""
+    number = max(key.number for key in rows)
+    return number, {key: row for key, row in rows.items() if key.number == number}
 
 
 def _obstacle(record: Record, settings: Run, rows: Rows) -> Repeated | None:

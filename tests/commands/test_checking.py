@@ -60,8 +60,9 @@ def altered(trained, tmp_path):
 
 def test_reproduce_reports_equal_run(trained, run_command):
     command = ("reproduce", RUNS[0].id[:-4])
-    code, out, _ = run_command(*command, results=trained.path)
+    code, out, err = run_command(*command, results=trained.path)
     assert code == 0
+    assert f"reproduce {RUNS[0].id}, evaluation: 2 of 2 episodes\n" in err
     assert f"run {RUNS[0].id}\n" in out
     assert "evaluation: equal. The returns of 2 episodes, up to control step 100, are" in out
     assert "training: equal. The returns of 1 episode, up to control step 50, are the rec" in out

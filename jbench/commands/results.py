@@ -192,7 +192,7 @@ def import_(
 ) -> None:
     """Import learning curves made by other programs.
 
-    The report compares them with runs.
+    The report draws them beside runs; they have no verdict.
     """
     from jbench.importing.importer import import_curves
     from jbench.tasks.find import find_task

@@ -45,12 +45,14 @@ class RunLog:
         self.progress = position or Position(processor_time=0.0)
         self._began = time.perf_counter() - self.progress.wall_time
         # Tables that the next commit replaces. The first and the latest path are kept.
-        self._before: dict[str, pa.Table] = {}
+        self._replacements: dict[str, pa.Table] = {}
         self._paths = schema.PATHS.empty_table()
         if position is not None:
             before = rows_before(record, position)
             self._paths = before["paths"]
-            self._before = {n: rows for n, rows in before.items() if len(rows) < record.rows(n)}
+            self._replacements = {
+                name: rows for name, rows in before.items() if len(rows) < record.rows(name)
+            }
 
     def summary(self, control_steps: int, *, evaluated: bool) -> dict[str, Any]:
         """Returns the entries of a manifest; `evaluated`: the kept policy is the last evaluated."""
@@ -132,7 +134,7 @@ class RunLog:
         first = self._paths.filter(pc.field("evaluation") == 0)
         latest = pa.Table.from_pylist(points, schema.PATHS)
         self._paths = pa.concat_tables([first, latest])
-        self._before["paths"] = self._paths
+        self._replacements["paths"] = self._paths
 
     def add_processor_time(self, seconds: float) -> None:
         """Adds processor time to that of the run, if that is known."""
@@ -152,10 +154,10 @@ class RunLog:
         end with thousands. The checkpoint's files are by role; `drop` are roles to remove.
         """
         record = self._record
-        replaced = self._before
+        replaced = self._replacements
         if any(len(record.parts(name)) >= _MAX_PARTS for name in schema.LOG_TABLES):
             committed = {name: record.read(name) for name in schema.LOG_TABLES}
-            replaced = {**committed, **self._before}
+            replaced = {**committed, **self._replacements}
 
         tables = {}
         for name, columns in schema.RUN_TABLES.items():
@@ -166,7 +168,7 @@ class RunLog:
 
         record.append(tables, files, drop=drop, replace=replaced)
         self._rows = {name: [] for name in self._rows}
-        self._before = {}
+        self._replacements = {}
 
     def _wall_time(self) -> float:
         """Returns the seconds since the run began."""

@@ -21,7 +21,7 @@ from jbench.store.code import (
 from jbench.store.manifest import RecordKind
 from jbench.store.provenance import mapping
 
-_TASKS = {"dataset": "robot", "run": "task", "evaluation": "task"}
+_TASK_SETTING = {"dataset": "robot", "run": "task", "evaluation": "task"}
 """The setting that names the task, by kind of record."""
 
 
@@ -53,17 +53,26 @@ def other_code(records: Sequence[Record]) -> Iterator[OtherCode]:
             continue
         now = _at_hand(record, encoders)
         files = changed_since(record, now)
-        missing = any(
-            not now.get(key) and not now.get(module) and (recorded.get(key) or recorded.get(module))
-            for key, module in MODULES.items()
-            # Without its record, the kind of an encoder is not known.
-            if key != "encoder_sources" or str(record.settings.get("encoder")) in encoders
+        # Without its record, the kind of an encoder is not known.
+        has_known_kind = str(record.settings.get("encoder")) in encoders
+        is_missing = any(
+            _is_missing(recorded, now, key)
+            for key in MODULES
+            if key != "encoder_sources" or has_known_kind
         )
-        if not files and not missing:
+        if not files and not is_missing:
             files = changed_files(recorded, _robot(record))
-        if files or missing:
+        if files or is_missing:
             created = record.manifest.created
             yield OtherCode(record.kind, record.id, created, tuple(files))
+
+
+def _is_missing(recorded: Mapping[str, Any], now: Mapping[str, Any], key: str) -> bool:
+    """Returns whether code was recorded, by a key of `MODULES`, and is not at hand."""
+    keys = (key, MODULES[key])
+    was_there = any(recorded.get(name) for name in keys)
+    is_here = any(now.get(name) for name in keys)
+    return was_there and not is_here
 
 
 def _at_hand(record: Record, encoders: Mapping[str, Record]) -> dict[str, Any]:
@@ -80,7 +89,7 @@ def _at_hand(record: Record, encoders: Mapping[str, Record]) -> dict[str, Any]:
 
     settings = record.settings
     found = dict[str, Any]()
-    task = str(settings.get(_TASKS.get(record.kind, "")))
+    task = str(settings.get(_TASK_SETTING.get(record.kind, "")))
     recorded = mapping(record.manifest.provenance.get("task_sources"))
     for key, value in find.files_at_hand(task, recorded).items():
         found[f"task_{key}"] = value
@@ -115,6 +124,6 @@ def _robot(record: Record) -> dict[str, Any]:
     from jbench.tasks import find  # imports MuJoCo
 
     try:
-        return find.code_provenance(str(record.settings.get(_TASKS[record.kind])))
+        return find.code_provenance(str(record.settings.get(_TASK_SETTING[record.kind])))
     except (RequestError, WorkError):
         return {}

@@ -51,7 +51,7 @@ class Learner(Generic[_Settings]):
         # A mean loss, and the count of 1 that is added with it.
         self._mean_and_one = view.scratch("mean_and_one", 2).fill_(1)
         self._mean = self._mean_and_one[..., 0]
-        self._by_name: dict[str, Network] = {}
+        self._networks_by_name: dict[str, Network] = {}
         self._targets: list[tuple[Network, Network]] = []  # each with the network that it follows
         self._make_networks()
 
@@ -113,9 +113,9 @@ class Learner(Generic[_Settings]):
         is_target = name.endswith(_TARGET)
         gradient = None if is_target else view.scratch(f"{name}.gradient", size)
         network = make(view, layout, values, gradient, workspace=workspace)
-        self._by_name[name] = network
+        self._networks_by_name[name] = network
         if gradient is None:
-            self._targets.append((network, self._by_name[name.removesuffix(_TARGET)]))
+            self._targets.append((network, self._networks_by_name[name.removesuffix(_TARGET)]))
         else:
             network.step = Adam(view, name, values, gradient, self.settings.learning_rate).step
         return network
@@ -139,7 +139,7 @@ class OffPolicyLearner(Learner[_OffPolicySettings]):
         """Draws the initial parameters of one seed; targets begin as copies."""
         kind: Initialization = getattr(self.settings, "initialization", "fan-in")
         last_bound = getattr(self.settings, "last_layer_bound", None)
-        for name, network in self._by_name.items():
+        for name, network in self._networks_by_name.items():
             if not name.endswith(_TARGET):
                 initialize_uniform(network.layers, generator, kind, last_bound)
         self._update_targets(1)

@@ -1,6 +1,5 @@
 """Learning curves of any environment in files of the forms in which people publish and log them."""
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
@@ -12,7 +11,7 @@ from jbench.errors import RequestError
 from jbench.importing import tables
 from jbench.importing.event_file import Events, read_event_file
 from jbench.importing.folder import curve_files
-from jbench.importing.foreign import is_of_tensorboard
+from jbench.importing.foreign import is_of_monitor, is_of_tensorboard
 from jbench.importing.imported_file import ImportedFile, open_file
 from jbench.importing.json_curves import curves_by_task, listed_curves
 from jbench.importing.named_columns import read_named_columns
@@ -29,9 +28,6 @@ _COLUMNS = [*_RUN, "steps", "return"]
 
 _MOST = 1e15
 """Largest return; differences and sums of larger ones are no longer exact numbers."""
-
-_MONITOR = re.compile(rb"#\s*{")
-"""Beginning of the file of a Monitor."""
 
 
 def read_curves(path: Path, returns: ReturnsName = "evaluation") -> tables.CurveFile:
@@ -76,7 +72,7 @@ def _read(file: ImportedFile, returns: ReturnsName) -> tables.CurveFile:
         return tables.CurveFile(curves_by_task(file), [])
     if start.startswith(b"["):
         return tables.CurveFile(listed_curves(file), [])
-    if _MONITOR.match(start):
+    if is_of_monitor(start):
         return _from_monitor(file, returns)
     if start.startswith(b"PK"):
         return _from_evaluations(file)

@@ -1,14 +1,18 @@
 """Files that jbench doesn't read, known by their first bytes: what they are, what to type instead.
 
+So are files of another format than the one that the user has typed.
+
 No such file is opened further. A pickle runs code when it is loaded.
 """
 
 import io
+import re
 import shlex
 import zipfile
 from pathlib import Path
 
 from jbench.errors import RequestError
+from jbench.names import ImportFormat
 
 _UNPACKED_BY = {
     b"\x1f\x8b": "gunzip",
@@ -38,6 +42,12 @@ _PICKLES = tuple(b"\x80" + bytes([protocol]) for protocol in range(2, 6))
 _EVENTS = b"brain.Event:"
 """In the first record of a file of TensorBoard."""
 
+_MONITOR = re.compile(rb"\s*#[^\n]*\"t_start\"")
+"""Beginning of the file of a Monitor; in other files, lines with a # are comments."""
+
+_JSON = re.compile(rb"\s*[\[{]\s*[\[{\"]")
+"""Beginning of a list or an object in JSON, which is not empty."""
+
 
 def refuse_foreign(path: Path, content: bytes) -> None:
     """Raises a RequestError for a file of a form that jbench doesn't read."""
@@ -66,6 +76,31 @@ def refuse_foreign(path: Path, content: bytes) -> None:
         raise RequestError(
             f"{path} is a zip archive; type: unzip {quoted}, and name the file with the curves."
         )
+
+
+def refuse_other_format(path: Path, content: bytes, format: ImportFormat) -> None:
+    """Raises a RequestError for a file whose first bytes are those of another format."""
+    if _JSON.match(content):
+        raise RequestError(
+            f"{path} is JSON, which jbench import does not read; type: jbench report --curves "
+            f"{shlex.quote(str(path))}, or write its curves as CSV."
+        )
+
+    found: ImportFormat | None = None
+    if is_of_tensorboard(content):
+        found = "tensorboard"
+    elif is_of_monitor(content):
+        found = "sb3-monitor"
+    elif content.startswith(b"PK"):  # other archives than of arrays are refused before
+        found = "sb3-evaluations"
+
+    if found not in (None, format):
+        raise RequestError(f"{path} is not of the format {format}; type --from {found}.")
+
+
+def is_of_monitor(content: bytes) -> bool:
+    """Returns whether a file begins as that of a Monitor of stable-baselines3 does."""
+    return _MONITOR.match(content) is not None
 
 
 def is_of_tensorboard(content: bytes) -> bool:

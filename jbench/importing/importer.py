@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from jbench.errors import RequestError
+from jbench.importing.foreign import refuse_other_format
 from jbench.importing.imported_file import ImportedFile, open_file
 from jbench.importing.readers import FORMATS, Series
 from jbench.importing.request import ImportRequest
@@ -49,6 +50,7 @@ def import_curves(
     by_hash: dict[str, ImportedFile] = {}
     for path in paths:
         file = open_file(path)
+        refuse_other_format(path, file.content, request.format)
         same = by_hash.setdefault(file.sha256, file)
         if same is not file:
             raise RequestError(f"{same.path} and {path} have the same content; name one of them.")

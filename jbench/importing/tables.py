@@ -14,7 +14,6 @@ import numpy as np
 import pandas as pd
 
 from jbench.errors import RequestError
-from jbench.importing.foreign import is_of_tensorboard
 from jbench.importing.imported_file import ImportedFile
 from jbench.importing.path_names import PathNames
 from jbench.importing.request import parse_seed
@@ -106,11 +105,6 @@ def read_table(file: ImportedFile, skip: int = 0, *, ends_line: bool = True) -> 
 
 def _text(file: ImportedFile) -> str:
     """Returns the text of a file in UTF-8."""
-    if is_of_tensorboard(file.content):
-        raise RequestError(
-            f"{file.path} is a file of TensorBoard, not CSV; type --from tensorboard."
-        )
-
     try:
         text = file.content.decode()
     except UnicodeDecodeError:

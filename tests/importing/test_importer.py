@@ -16,6 +16,7 @@ from tensorboard.util.tensor_util import make_tensor_proto
 from jbench.cli import main
 from jbench.errors import RequestError
 from jbench.importing.request import parse_seed
+from jbench.names import IMPORT_FORMATS
 from jbench.store import Results
 from jbench.store.verify import verify
 from tests.importing.conftest import EPISODES
@@ -278,6 +279,34 @@ def test_empty_file_and_file_of_other_format_are_refused(form, import_error, tmp
         file = tmp_path / f"{name}1"
         file.write_bytes(content)
         assert str(file) in import_error(form, file)
+
+
+def test_format_of_a_file_is_named_where_another_one_was_typed(
+    monitor_file, sb3_files, event_file, import_error, tmp_path
+):
+    files = {
+        "sb3-monitor": monitor_file(1, EPISODES[1]),
+        "sb3-evaluations": sb3_files / "evaluations.npz",
+        "tensorboard": event_file(1, EPISODES[1]),
+    }
+    for form, file in files.items():
+        for other in IMPORT_FORMATS:
+            if other != form:
+                says = f"{file} is not of the format {other}; type --from {form}."
+                assert says in import_error(other, file)
+
+    curves = tmp_path / "curves 1.json"
+    for content in ('{"walk": {}}', '[{"task": "walk"}]', '{"step": 1}\n{"step": 2}\n'):
+        curves.write_text(content)
+        for form in IMPORT_FORMATS:
+            assert f"type: jbench report --curves '{curves}', or" in import_error(form, curves)
+
+
+def test_json_in_a_comment_is_none_of_a_monitor(imports, rows, tmp_path):
+    file = tmp_path / "c1.csv"
+    file.write_text('# {"learning_rate": 0.1}\nsteps,return\n1000,5\n')
+    assert imports("csv", file)[0] == 0
+    assert rows()[1]["episode_return"].tolist() == [5]
 
 
 def test_truncated_evaluations_are_refused(sb3_files, import_error, tmp_path):

@@ -105,7 +105,7 @@ def test_statistics_after_10000_control_steps_equal_numpy(changes, start, floor,
         mean = rows.sum(axis=0) / count
         squares = ((rows - mean) ** 2).sum(axis=0) + start * (1 + mean**2)
         deviation = np.sqrt(np.maximum(squares / count, floor**2) + epsilon)
-        shown = running.standardization_of(range(seed, seed + 1), is_stack=False)
+        shown = running.group_standardization(range(seed, seed + 1), is_stack=False)
         np.testing.assert_allclose(shown.mean[0].numpy(), mean, rtol=1e-12, atol=1e-12)
         np.testing.assert_allclose(shown.deviation[0].numpy(), deviation, rtol=1e-12)
 

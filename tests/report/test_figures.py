@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
 
 from jbench.report import style
@@ -184,7 +185,13 @@ def test_a_single_configuration_has_its_curve_and_nothing_else_and_none_is_drawn
 
 def test_the_forest_has_each_seed_and_the_policies(fabric):
     add_runs(fabric, "full", "dae12")
-    axes = drawn(chart_of(fabric, "returns").panels[0])
+    chart = chart_of(fabric, "returns")
+    assert chart.note.endswith("; vertical line: the return of a solved task (900)")
+    axes = drawn(chart.panels[0])
+    assert [line.get_xdata() for line in axes.lines if [*line.get_xdata()] == [900, 900]]
+    # A mark at the end of the axis, as of a policy that gets 0, is whole.
+    points = [each for each in axes.collections if isinstance(each, PathCollection)]
+    assert not any(mark.get_clip_on() for mark in points if len(mark.get_offsets()) == 1)
     rows = [label.get_text() for label in axes.get_yticklabels()]
     assert rows == ["TD3 full", "TD3 dae12", "random actions", "hand-written policy"]
     marked = {tuple(place) for points in axes.collections for place in points.get_offsets()}
@@ -197,7 +204,11 @@ def test_the_forest_has_each_seed_and_the_policies(fabric):
 def test_three_configurations_of_six_seeds_have_a_panel_of_variability_and_come_first(fabric):
     add_runs(fabric, "full", "dae12", "pca12", task="move_from_origin")
     add_runs(fabric, "full", "dae12", "pca12", seeds=6)
-    titles = [panel.title for panel in chart_of(fabric, "returns").panels]
+    chart = chart_of(fabric, "returns")
+    assert chart.note.endswith(
+        "its interval begins at 0; a line to the right edge goes on beyond it"
+    )
+    titles = [panel.title for panel in chart.panels]
     assert titles == [
         "face_direction: final return",
         "face_direction: variability",

@@ -104,8 +104,9 @@ def by_processor_time(frames: Frames) -> Chart | None:
     rows = rows.assign(series=rows["label"], steps=rows["seconds"] / size, q10=np.nan, q90=np.nan)
     looks = style.looks(rows, "series", "kind")
     x = f"{unit} of processor time of a seed"
+    y = f"{frames.returns} return"
     scale = "linear" if longest / size < 100 else "log"
-    panels = by_task(rows, partial(_draw_curves, looks=looks, x=x, scale=scale), (5.2, 2.8))
+    panels = by_task(rows, partial(_draw_curves, looks=looks, x=x, y=y, scale=scale), (5.2, 2.8))
     note = "median over seeds, where all runs recorded their processor time"
     return Chart("processor", "Return against processor time", note, panels, looks)
 

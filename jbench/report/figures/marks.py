@@ -104,7 +104,7 @@ def add_rows(axes: Axes, rows: pd.DataFrame, looks: Looks, value: str) -> None:
         if "seeds" in row:
             tip += f", n = {row['seeds']}"
         mark = look._replace(hollow=row.get("hollow", False))
-        add_points(axes, [row[value]], [place], [tip], mark, 7.5)
+        add_points(axes, [row[value]], [place], [tip], mark, 7.5, clip_on=False)
 
     name_rows(axes, rows["name"])
 

@@ -9,12 +9,13 @@ from matplotlib.axes import Axes
 
 from jbench.numbers import ratio, whole, with_error
 from jbench.report import style
+from jbench.report.data.source_names import has_solved_return
 from jbench.report.figures import marks
 from jbench.report.figures.chart import ROWS, Chart, Panel, by_task
 from jbench.report.frames import Frames
 from jbench.report.style import Look, Looks
 from jbench.statistics.verdicts import DECIDING_SEEDS
-from jbench.task_specs import highest_return
+from jbench.task_specs import SOLVED_RETURN, highest_return
 
 _FLOOR = 1e-3  # smaller fractions of unexplained variance are drawn here
 _POLICIES = {"random": "random actions", "hand-written": "hand-written policy"}
@@ -57,8 +58,11 @@ def forest(frames: Frames) -> Chart | None:
         note += "; |: published training return"
     if len(frames.baselines):
         note += "; hollow diamond: mean of a policy's episodes with 95% interval"
+    if any(has_solved_return([task], rows["source"]) for task in rows["task"].unique()):
+        note += f"; vertical line: the return of a solved task ({SOLVED_RETURN})"
     if rows["beside"].any():
         note += "; hollow mark of variability: its interval begins at 0"
+        note += "; a line to the right edge goes on beyond it"
 
     return Chart("returns", "Final returns", note, panels, looks, data="configurations", **ROWS)
 
@@ -95,7 +99,7 @@ def _draw_forest(
         high = row["mean_high"]
         axes.plot([low, high], [place, place], color=style.SOFT, linewidth=1)
         tip = f"{names[place - len(rows)]}: mean {marks.interval_text(mean, low, high)}"
-        marks.add_points(axes, [mean], [place], [tip], apart, 5.5)
+        marks.add_points(axes, [mean], [place], [tip], apart, 5.5, clip_on=False)
 
     marks.add_solved(axes, rows)
     marks.name_rows(axes, [*rows["name"], *names])
@@ -217,7 +221,7 @@ def predictions(frames: Frames) -> Chart:
             if np.isfinite(row["low"]):
                 axes.plot([at, at], [row["low"], row["high"]], **look.ink)
             tip = f"{row['label']}: {whole(row['iqm'])}, R² {ratio(row['r2'])}"
-            marks.add_points(axes, [at], [row["iqm"]], [tip], look, 6)
+            marks.add_points(axes, [at], [row["iqm"]], [tip], look, 6, clip_on=False)
 
         axes.set(xlabel=f"R² of the {rows['quantity'].iloc[0]}", ylabel="final return")
         axes.set_xlim(-0.03, 1.03)

@@ -159,6 +159,9 @@ class Artist:
         buffer.offheight = max(buffer.offheight, height)
         self._model = model
         self._data = data
+        # Drawn in its place, since what is computed for a picture would change the episode: rewards
+        # and observations of some robots have positions from before the last physics step.
+        self._drawn = mujoco.MjData(model)
         self._camera = camera
         self._width = width
         self._height = height
@@ -174,8 +177,9 @@ class Artist:
         if self._renderer is None:
             self._renderer = self._make(mode)
 
+        mujoco.mj_copyData(self._drawn, self._model, self._data)
         # Positions of bodies and cameras are those before the last physics step.
-        mujoco.mj_forward(self._model, self._data)
+        mujoco.mj_forward(self._model, self._drawn)
         # Another robot may have made its own context current.
         self._renderer._get_viewer(mode).make_context_current()
         picture = self._renderer.render(mode)
@@ -205,7 +209,7 @@ class Artist:
 
         return MujocoRenderer(
             self._model,
-            self._data,
+            self._drawn,
             width=self._width,
             height=self._height,
             camera_id=self._camera,

@@ -48,6 +48,25 @@ def test_frames_equal_episode_without_rendering():
         assert np.any(one.picture != other.picture)
 
 
+@pytest.mark.usefixtures("rendering")
+def test_drawing_changes_no_reward_and_no_observation():
+    """The reward of this robot has its position before the last physics step."""
+    seen = []
+    for mode in (None, "rgb_array"):
+        env = RobotEnv("gym:Ant-v5", mode, width=8, height=8)
+        observation, _ = env.reset(seed=3)
+        seen.append([observation])
+        for _ in range(5):
+            env.render()
+            observation, reward, *_ = env.step(np.full(8, 0.5))
+            seen[-1].append(np.append(observation, reward))
+
+        env.close()
+
+    for one, other in zip(*seen, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
 @pytest.mark.usefixtures("coarse_pictures")
 def test_scene_determines_picture():
     scenes = [Scene("face_direction", camera=camera, **SMALL) for camera in CAMERAS]

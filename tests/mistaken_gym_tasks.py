@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.wrappers import NormalizeObservation, NormalizeReward, TimeLimit
 
-from tests.gym_tasks import EPISODE, NUMBERS, Cart, limited
+from tests.gym_tasks import EPISODE, NUMBERS, Cart, Leaves, limited
 
 
 class OlderStep(Cart):
@@ -186,3 +186,37 @@ class Place(Cart):
 
 def normalized_observation():
     return NormalizeObservation(TimeLimit(Place(), EPISODE))
+
+
+class Sequence(Cart):
+    observation_space = spaces.Sequence(NUMBERS)
+
+
+class ForgottenTime(Cart):
+    @property
+    def dt(self):
+        raise RuntimeError("no clock")
+
+
+class ForgottenModel(Cart):
+    @property
+    def model(self):
+        raise RuntimeError("no model")
+
+
+sequence, forgotten_time, forgotten_model = map(limited, (Sequence, ForgottenTime, ForgottenModel))
+
+_only_one = TimeLimit(Cart(), EPISODE)
+
+
+def same_again():
+    return _only_one
+
+
+def two_limits():
+    return TimeLimit(TimeLimit(Cart(), EPISODE), 1500)
+
+
+def far_limit():
+    """Its episodes end long before their time limit."""
+    return TimeLimit(Leaves(), 10**10)

@@ -134,3 +134,31 @@ class NeedsFinite(Short):
         if not np.isfinite(action).all():
             raise ValueError("not a finite action")
         return super().step(action)
+
+
+class OtherSimulator(Short):
+    """Its physics is not MuJoCo's."""
+
+    class physics:  # noqa: N801 - an attribute
+        model = "made of wood"
+
+
+class TimestepInText(Short):
+    def control_timestep(self):
+        return "0.01"
+
+
+class Nested(Short):
+    """Its observation is a dictionary in a dictionary."""
+
+    def observation_spec(self):
+        return {"arm": super().observation_spec()}
+
+
+class BeginsAgain(Short):
+    """Begins an episode at each control step."""
+
+    episode_steps = EPISODE
+
+    def step(self, action):
+        return self.reset()

@@ -114,7 +114,8 @@ class OpenedResults:
             column for each other setting, such as learning_rate. Settings that an algorithm does
             not have are missing values.
         """
-        source = self._rows(Request(task=task, algo=algo), representation)
+        request = validated(Request, "the runs", task=task, algo=algo)
+        source = self._rows(request, representation)
         seeds = seed_frame(source.configurations)
         finals = seeds.pivot(index=["source", "run"], columns="returns", values="final")
         finals = finals.reindex(columns=[*RETURNS]).add_suffix("_return")

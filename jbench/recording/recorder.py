@@ -77,7 +77,15 @@ class Recording:
         return self._writer.control_steps
 
     def __enter__(self) -> "Recording":
-        """Locks the run and creates its record; raises a WorkError if that is impossible."""
+        """Locks the run and creates its record; raises a WorkError if that is impossible.
+
+        Raises a RequestError within the block of the same recording.
+        """
+        if self._writer is not None:
+            raise RequestError(
+                f"The run {self.id} is being recorded already: leave its block before the next one."
+            )
+
         self._context = self._block()
         self._context.__enter__()
         return self

@@ -148,10 +148,19 @@ def as_numbers(values: Mapping[str, Any]) -> dict[str, float]:
     """Returns values as numbers; raises a RequestError if one is none."""
     try:
         return {name: float(value) for name, value in values.items()}
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise RequestError(
             f"{', '.join(values)} must be numbers or tensors of one element ({error})."
         ) from None
+
+
+def _is_not_finite(action: Any) -> bool:
+    """Returns whether an action is numbers of which one is not finite; the task refuses others."""
+    try:
+        is_finite = action is None or np.isfinite(np.asarray(action, np.float64)).all()
+    except (TypeError, ValueError):
+        return False
+    return not is_finite
 
 
 class RecordedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
@@ -188,7 +197,7 @@ class RecordedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
                 "truncated says."
             )
 
-        if not np.isfinite(np.asarray(action, np.float64)).all():
+        if _is_not_finite(action):
             raise DivergedError(None, writer.control_steps, "actions")
 
         observation, reward, terminated, truncated, info = self.env.step(action)

@@ -61,6 +61,13 @@ def _sizes_of_parts(environment: Any) -> dict[str, int]:
     """Returns the number of values of each part of an observation, by its name."""
     try:
         spec = _named(environment.observation_spec())
+        for name, part in spec.items():
+            if isinstance(part, Mapping):
+                raise UnusableError(
+                    f"its observation {name} is a dictionary, not an array; return one dictionary "
+                    "of named arrays"
+                )
+
         return {name: math.prod(part.shape) for name, part in spec.items()}
     except UnusableError:
         raise
@@ -117,6 +124,30 @@ def read_bounds(environment: Any) -> CommandBounds:
         )
 
     return CommandBounds(minimum, maximum)
+
+
+def read_timestep(environment: Any) -> float | None:
+    """Returns the simulated seconds in a control step; None if they are unknown.
+
+    Raises an UnusableError if they are no number of seconds.
+    """
+    method = getattr(environment, "control_timestep", None)
+    if not callable(method):
+        return None
+
+    try:
+        timestep = method()
+    except ERRORS_OF_OTHERS as error:
+        raise UnusableError(f"its control_timestep fails ({sentence_of_failure(error)})") from error
+
+    if timestep is None:
+        return None
+
+    is_number = isinstance(timestep, int | float | np.integer | np.floating)
+    if not is_number or not 0 <= timestep < math.inf:
+        raise UnusableError(f"its control_timestep is {timestep!r}, not a number of seconds")
+
+    return float(timestep)
 
 
 def declared_limit(environment: Any) -> int | None:

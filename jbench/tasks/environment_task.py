@@ -25,6 +25,7 @@ from jbench.tasks.environment_specification import (
     measured_limit,
     read_bounds,
     read_parts,
+    read_timestep,
 )
 from jbench.tasks.environment_worlds import EnvironmentWorlds, close
 from jbench.tasks.gym_as_dm_env import GymAsDmEnv
@@ -77,6 +78,8 @@ class EnvironmentTask(EnvironmentMaker):
             self._read(environment, files, takes_random)
         except UnusableError as error:
             raise self._refusal(str(error)) from error
+        except ERRORS_OF_OTHERS as error:
+            raise self._refusal(f"it fails ({sentence_of_failure(error)})") from error
         finally:
             close(name, environment)
 
@@ -104,8 +107,7 @@ class EnvironmentTask(EnvironmentMaker):
 
         self.has_physics = mujoco_physics(environment) is not None
         self.render_fps = render_fps(environment)
-        timestep = getattr(environment, "control_timestep", None)
-        self.control_timestep = timestep() if callable(timestep) else None
+        self.control_timestep = read_timestep(environment)
         self.episode_steps = self._read_limit(environment)
         self.specs = Specs(
             model=older_robot_checksum(environment),
@@ -212,8 +214,10 @@ class EnvironmentTask(EnvironmentMaker):
         """Runs an episode of random actions twice; notes if it does not repeat.
 
         An episode that is not as in `Task` is a RequestError. So is a measured time limit that is
-        not the one of all episodes, as far as some of other seeds show it.
+        not the one of all episodes, as far as some of other seeds show it, and a function that
+        returns one environment again and again.
         """
+        self._try_to_make_two()
         try:
             has_repeated = self._has_repeated
             if self.limit_advice is not None:
@@ -222,6 +226,21 @@ class EnvironmentTask(EnvironmentMaker):
             raise RequestError(str(error)) from None
         if not has_repeated:
             self.notes += (DOES_NOT_REPEAT,)
+
+    def _try_to_make_two(self) -> None:
+        """Raises a RequestError if a user's function returns the same environment twice."""
+        if self._provenance is None:
+            return
+
+        worlds = self.worlds(2)
+        with worlds:
+            # Training and evaluations would step the same episode.
+            first, second = (getattr(made, "env", made) for made in worlds.environments)
+            if first is second:
+                raise self._refusal(
+                    "its function returns the same environment again; let it make a new one at "
+                    "each call"
+                )
 
     def _try_other_seeds(self) -> None:
         """Makes episodes of other seeds; a WorkError if one can't go on.

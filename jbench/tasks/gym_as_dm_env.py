@@ -20,6 +20,9 @@ from numpy.typing import NDArray
 
 from jbench.tasks.environment_specification import UnusableError
 
+_ONLY_PART = "observation"
+"""Name of an observation that has no named parts."""
+
 
 class Spec(NamedTuple):
     """Shape and type of an array, as of `dm_env.specs.Array`."""
@@ -84,8 +87,15 @@ class GymAsDmEnv:
         """Returns what users should know of its wrappers, as clauses."""
         env = self.env
         found = []
+        declared = self.episode_steps
         while isinstance(env, gymnasium.Wrapper):
-            if isinstance(env, NormalizeObservation):
+            if isinstance(env, TimeLimit) and declared and env._max_episode_steps < declared:
+                found.append(
+                    f"an inner wrapper TimeLimit ends its episodes at control step "
+                    f"{env._max_episode_steps:,}, before its time limit of {declared:,}; pass "
+                    "max_episode_steps to gymnasium.make instead of a second TimeLimit"
+                )
+            elif isinstance(env, NormalizeObservation):
                 found.append(
                     "its wrapper NormalizeObservation has statistics of its own in each copy of "
                     "the environment, so agents are evaluated with others than they were trained "
@@ -176,7 +186,7 @@ def _parts(prefix: str, space: spaces.Space[Any]) -> Iterator[tuple[str, Any]]:
         for number, part in enumerate(space.spaces):
             yield from _parts(_joined(prefix or "part", number), part)
     else:
-        yield prefix or "observation", space
+        yield prefix or _ONLY_PART, space
 
 
 def _values(prefix: str, space: spaces.Space[Any], observation: Any) -> Iterator[tuple[str, Any]]:
@@ -192,7 +202,7 @@ def _values(prefix: str, space: spaces.Space[Any], observation: Any) -> Iterator
         for number, (part, value) in enumerate(zip(space.spaces, observation, strict=False)):
             yield from _values(_joined(prefix or "part", number), part, value)
     elif isinstance(space, spaces.Box):
-        yield prefix or "observation", observation
+        yield prefix or _ONLY_PART, observation
 
 
 def _values_of(method: str, call: Callable[[], Any], wanted: Sequence[str]) -> tuple[Any, ...]:
@@ -234,13 +244,16 @@ def _number(reward: Any) -> float:
 
 def _check_part(name: str, space: spaces.Space[Any]) -> None:
     """Raises an UnusableError if a part of an observation is not a few real numbers."""
+    subject = "its observation" if name == _ONLY_PART else f"its observation {name}"
     if not isinstance(space, spaces.Box):
+        advice = "give it a Box"
+        if space.is_np_flattenable:
+            advice = "wrap it in gymnasium.wrappers.FlattenObservation"
         raise UnusableError(
-            f"its observation {name} is {type(space).__name__}, and jbench takes real numbers; "
-            "wrap it in gymnasium.wrappers.FlattenObservation"
+            f"{subject} is {type(space).__name__}, and jbench takes real numbers; {advice}"
         )
     if space.dtype == np.uint8 and len(space.shape) > 1:
         raise UnusableError(
-            f"its observation {name} is a picture of shape {space.shape}, and jbench takes a few "
+            f"{subject} is a picture of shape {space.shape}, and jbench takes a few "
             "numbers; give it an observation of positions and velocities"
         )

@@ -42,11 +42,21 @@ class RegisteredEnvironment:
 
     @property
     def description(self) -> str:
-        """The first line of the docstring of a user's class or function."""
+        """The first line of the docstring of a user's class or function.
+
+        It is empty if that can't be imported: then it can't be made either, and `make` says why.
+        """
         if not self.files:
             return ""
+
         entry = self.entry_point
-        return plugins.first_line(resolve_name(entry) if isinstance(entry, str) else entry)
+        if isinstance(entry, str):
+            try:
+                entry = resolve_name(entry)
+            except ERRORS_OF_OTHERS:
+                return ""
+
+        return plugins.first_line(entry)
 
     def make(self, **more: Any) -> gymnasium.Env[Any, Any]:
         """Returns a new environment with the wrappers of its registration, and more arguments."""

@@ -21,7 +21,7 @@ def mujoco_physics(environment: Any) -> ModelAndData | None:
     model = compiled_model(environment)
     data = getattr(getattr(environment, "physics", None), "data", None)
     data = getattr(data, "ptr", data)  # which dm_control wraps and Gymnasium does not
-    if isinstance(model, mujoco.MjModel) and isinstance(data, mujoco.MjData):
+    if model is not None and isinstance(data, mujoco.MjData):
         return ModelAndData(model, data)
     return None
 

@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterable, Iterator
 from typing import Any
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -58,9 +59,13 @@ def robot_checksum(environment: Any) -> str | None:
 
 
 def compiled_model(environment: Any) -> Any:
-    """Returns the MuJoCo model of an environment, which dm_control wraps; None without one."""
+    """Returns the MuJoCo model of an environment, which dm_control wraps; None without one.
+
+    The physics of an environment may be of another simulator.
+    """
     model = getattr(getattr(environment, "physics", None), "model", None)
-    return getattr(model, "ptr", model)
+    model = getattr(model, "ptr", model)
+    return model if isinstance(model, mujoco.MjModel) else None
 
 
 def _digest(fields: Iterable[tuple[str, NDArray[np.float64]]]) -> str:
@@ -123,8 +128,6 @@ def _alpha(model: Any) -> NDArray[np.float64]:
 
 def _has_camera_sensor(model: Any) -> bool:
     """Returns whether a sensor depends on a camera."""
-    import mujoco
-
     camera = int(mujoco.mjtObj.mjOBJ_CAMERA)
     return bool((model.sensor_objtype == camera).any() or (model.sensor_reftype == camera).any())
 

@@ -1,6 +1,6 @@
 """What `EnvironmentWorlds` read of the time steps of environments, and what they refuse."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,7 +36,10 @@ class TimeStepReader:
 
     def reward(self, timestep: Any) -> float:
         """Returns the reward of a control step, which must be a number, and perhaps in [0, 1]."""
-        reward = np.nan if timestep.reward is None else float(timestep.reward)
+        if timestep.reward is None:
+            raise FlawError("its reward is None")
+
+        reward = float(timestep.reward)
         if not np.isfinite(reward):
             raise FlawError(f"its reward is {reward}")
         if abs(reward) > _LARGEST_REWARD:
@@ -76,11 +79,17 @@ class TimeStepReader:
         parts = [np.ravel(values[name]) for name in self._names]
         sizes = [len(part) for part in parts]
         if sizes != self._sizes:
+            self._check_numbers(values, parts)
             raise FlawError(self._other_size(sizes))
 
         observed = np.empty_like(row)
-        with np.errstate(over="ignore"):
-            np.concatenate(parts, out=observed, casting="same_kind")
+        try:
+            with np.errstate(over="ignore"):
+                np.concatenate(parts, out=observed, casting="same_kind")
+        except TypeError:
+            self._check_numbers(values, parts)
+            raise
+
         if not np.isfinite(observed).all():
             limit = np.finfo(np.float32).max
             pairs = zip(self._names, parts, strict=True)
@@ -89,14 +98,24 @@ class TimeStepReader:
 
         row[:] = observed
 
+    def _check_numbers(self, values: Mapping[str, Any], parts: Sequence[NDArray[Any]]) -> None:
+        """Raises a FlawError if a part of an observation is none of real numbers."""
+        for name, part in zip(self._names, parts, strict=True):
+            if part.dtype.kind not in "biuf":
+                kind = part.dtype.name
+                if part.dtype == object:
+                    kind = type(values[name]).__name__
+                raise FlawError(f"{self._subject(name)} is of type {kind}, not of real numbers")
+
+    def _subject(self, name: str) -> str:
+        """Returns a part of an observation as the subject of a clause."""
+        return f"its observation {name}" if len(self._names) > 1 else "its observation"
+
     def _other_size(self, sizes: list[int]) -> str:
         """Returns which part of an observation has another size than the specification says."""
         for name, size, wanted in zip(self._names, sizes, self._sizes, strict=True):
             if size != wanted:
-                subject = "its observation"
-                if len(self._names) > 1:
-                    subject = f"its observation {name}"
-                return f"{subject} has {counted(size, 'value')} instead of {wanted}"
+                return f"{self._subject(name)} has {counted(size, 'value')} instead of {wanted}"
         raise ValueError("All sizes are those of the specification.")
 
 

@@ -515,6 +515,17 @@ def test_misuse_of_recording_is_refused(tmp_path):
             env.reset()
             for _ in range(EPISODE):
                 env.step([0.0])
+    for action in ("left", None):
+        with pytest.raises(jbench.RequestError, match="must be finite numbers of shape"), recording:
+            env = recording.env()
+            env.reset()
+            env.step(action)
+    with pytest.raises(jbench.RequestError, match="leave its block before the next"):  # noqa: SIM117
+        with recording:
+            with recording:
+                pass
+    with pytest.raises(jbench.RequestError, match="success must be numbers"), recording:
+        recording.log(success=10**400)
     recording = recorded(tmp_path, steps=EPISODE, evaluate_every=1, hyperparameters={})
     with pytest.raises(jbench.RequestError, match=r"returned the shape \(2,\)"), recording:
         env = recording.env()

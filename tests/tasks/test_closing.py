@@ -71,7 +71,7 @@ def test_reason_of_a_refusal_is_not_that_of_close(run_command):
     assert code == 2
     warning, error = err.splitlines()
     assert re.fullmatch(f"Warning: {task}: {GONE}", warning)
-    assert "its observation observation is a picture" in error
+    assert "its observation is a picture" in error
 
 
 def test_environments_before_one_that_cannot_be_made_are_closed():

@@ -1,5 +1,7 @@
 """Tests of tasks that Gymnasium environments implement."""
 
+import sys
+
 import gymnasium
 import numpy as np
 import pytest
@@ -27,7 +29,7 @@ ENDLESS = f"gym:{MISTAKEN}:lab/Endless-v0"
         (f"{LAB}:huge_reward", "at control step 3 of the episode with seed .*, its reward is inf"),
         (f"{LAB}:discrete", "its actions are Discrete, and jbench trains on motors"),
         (f"{LAB}:unbounded", r"its action 0 is in \[-inf, inf\]; give it two different finite"),
-        (f"{LAB}:pixels", r"its observation observation is a picture of shape \(8, 8, 3\)"),
+        (f"{LAB}:pixels", r"its observation is a picture of shape \(8, 8, 3\)"),
         (f"{LAB}:counts", "its observation gear is Discrete, and jbench takes real numbers"),
         (
             f"{MISTAKEN}:GoesOn",
@@ -95,7 +97,14 @@ ENDLESS = f"gym:{MISTAKEN}:lab/Endless-v0"
             "at control step 0 .*, cart of its observation is not finite in float32.$",
         ),
         (f"{MISTAKEN}:name_twice", "two parts of its observation are called cart_goal; rename"),
-        (f"{MISTAKEN}:nothing_observed", "its observation has 1 value instead of 2.$"),
+        (
+            f"{MISTAKEN}:nothing_observed",
+            "its observation is of type NoneType, not of real numbers.$",
+        ),
+        (f"{MISTAKEN}:sequence", "its observation is Sequence, .*; give it a Box.$"),
+        (f"{MISTAKEN}:forgotten_time", r"control_timestep fails \(RuntimeError: no clock, line"),
+        (f"{MISTAKEN}:forgotten_model", r"_model: it fails \(RuntimeError: no model, line \d+ of"),
+        (f"{MISTAKEN}:same_again", "returns the same environment again; let it make a new one"),
         (
             f"{MISTAKEN}:unlicensed",
             r"made \(RuntimeError: no license for the simulator, line \d+ of",
@@ -227,6 +236,15 @@ def test_environments_with_statistics_of_their_own_are_noted():
     assert reward.notes[1] == observation.notes[1] == DOES_NOT_REPEAT
 
 
+def test_time_limit_within_a_longer_one_is_noted():
+    task = checked_task(f"{MISTAKEN}:two_limits")
+    assert task.episode_steps == 1500
+    assert task.notes == (
+        "an inner wrapper TimeLimit ends its episodes at control step 20, before its time limit of "
+        "1,500; pass max_episode_steps to gymnasium.make instead of a second TimeLimit",
+    )
+
+
 def test_worlds_are_the_environments_of_gymnasium():
     with find_task("gym:Pendulum-v1,g=9.0").worlds(1) as worlds:
         observations = worlds.reset([np.random.default_rng(5)])
@@ -321,3 +339,26 @@ def test_package_of_a_registered_environment_is_recorded():
     name = "gym:Pendulum-v1"
     assert find_task(name).specs.sources is None
     assert code_provenance(name) == {"task_package": f"gymnasium {gymnasium.__version__}"}
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("import nothing_installed", r"ModuleNotFoundError: .*, line 1 of quietimpl\.py"),
+        ("class Other: pass", "AttributeError: .* no attribute 'Quiet'"),
+    ],
+)
+def test_environment_whose_code_can_not_be_imported_is_refused(
+    text, sentence, tmp_path, monkeypatch
+):
+    """Its module registers it by a name, at which nothing is imported yet."""
+    registration = "gymnasium.register('QuietImpl-v0', 'quietimpl:Quiet', max_episode_steps=5)"
+    (tmp_path / "quietimpl_names.py").write_text(f"import gymnasium\n{registration}\n")
+    (tmp_path / "quietimpl.py").write_text(text)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    for module in ("quietimpl", "quietimpl_names"):
+        monkeypatch.delitem(sys.modules, module, raising=False)
+    monkeypatch.delitem(gymnasium.registry, "QuietImpl-v0", raising=False)
+    with pytest.raises(RequestError, match=rf"it can't be made \({sentence}"):
+        find_task("gym:quietimpl_names:QuietImpl-v0")

@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 
+from jbench.errors import RequestError
 from jbench.tasks.find import checked_task, find_task
 from jbench.tasks.worlds import EpisodeError
 
@@ -25,12 +26,29 @@ ODD = "tests.odd_tasks"
             "a dataset of it would have the columns q and Q, which SQL takes for one; rename that "
             "part of its observation.",
         ),
+        ("TimestepInText", "its control_timestep is '0.01', not a number of seconds."),
+        (
+            "Nested",
+            "its observation arm is a dictionary, not an array; return one dictionary of named "
+            "arrays.",
+        ),
     ],
 )
 def test_task_is_refused_in_a_sentence(name, sentence, refused):
     assert re.sub(r"line \d+ of", "line N of", refused("tasks", f"{ODD}:{name}")) == (
         f"Error: jbench can't use the task {ODD}:{name}: {sentence}\n"
     )
+
+
+def test_step_that_begins_an_episode_is_refused():
+    with pytest.raises(RequestError, match=r"at control step 1 of .*, its reward is None\.$"):
+        checked_task(f"{ODD}:BeginsAgain")
+
+
+def test_physics_of_another_simulator_is_no_model_of_mujoco():
+    task = checked_task(f"{ODD}:OtherSimulator")
+    assert not task.has_physics
+    assert (task.specs.model, task.specs.compiled) == (None, None)
 
 
 def test_part_without_values_is_left_out_with_a_note(run_command, tmp_path):

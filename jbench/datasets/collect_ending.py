@@ -6,6 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import pyarrow as pa
 
+from jbench.array_types import Float32Array
 from jbench.datasets.observations import (
     EPISODE_COLUMNS,
     EPISODE_TABLE,
@@ -78,19 +79,20 @@ def _episode(
     size = find_task(settings.robot).action_size
     observations = [worlds.reset([random])[0]]
     (seed,) = worlds.state(slice(0, 1))["seeds"].tolist()
-    actions = random.uniform(-1, 1, (settings.episode_steps, size)).astype(np.float32)
+    actions: list[Float32Array] = []
     rewards: list[float] = []
-    for action in actions[:most]:
-        if worlds.are_over():
-            break
+    # One at a time, since an episode may be much shorter than its time limit.
+    while len(actions) < most and not worlds.are_over():
+        action = random.uniform(-1, 1, size).astype(np.float32)
         (observation,), (reward,) = worlds.step(action[None])
+        actions.append(action)
         observations.append(observation)
         rewards.append(reward)
 
     return Episode(
         seed=seed,
         observations=np.stack(observations),
-        actions=actions[: len(rewards)],
+        actions=np.reshape(actions, (len(actions), size)),
         rewards=np.array(rewards, np.float32),
         is_terminated=bool(worlds.terminated[0]),
     )

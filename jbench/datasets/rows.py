@@ -119,7 +119,7 @@ def flaw(
     is_last[last] = True
     ends = ENDS if may_end_early else ()
     names = [name for name in step_rows.column_names if name not in ends]
-    made = [name for name in names if name.startswith("action") or name == "reward"]
+    made = _made(names)
     if not all(np.array_equal(step_rows[name].is_null(), is_last) for name in (*made, *ends)):
         return "a state without its action, or an action after the last state"
 
@@ -138,6 +138,17 @@ def flaw(
                 return f"NaN or infinite values in the column {name}"
 
     return None
+
+
+def _made(names: list[str]) -> list[str]:
+    """Returns the columns of the action and of its reward, which are the last ones of the steps.
+
+    The Jitterbug's rows have the action alone. A part of an observation may have a name that begins
+    with action as well.
+    """
+    if names[-1] != "reward":
+        return names[-1:]
+    return names[names.index("action_0") :]
 
 
 def block(step_rows: pa.Table, observation_size: int) -> Block:

@@ -9,7 +9,8 @@ from jbench.datasets import Dataset, collect
 from jbench.datasets import collect_ending as collecting
 from jbench.datasets.export import export_minari
 from jbench.datasets.observations import observations_schema
-from jbench.datasets.rows import flaw
+from jbench.datasets.rows import block as rows_block
+from jbench.datasets.rows import flaw, table
 from jbench.encoders.loop import EncoderLearner
 from jbench.encoders.pairs import state_pairs
 from jbench.encoders.registry import make_kind
@@ -21,14 +22,16 @@ from jbench.settings.records import DatasetSettings, dataset_robot
 from jbench.store import Results
 from jbench.store.rows import make_row
 from jbench.tasks.find import find_task
+from jbench.tasks.task import episode_generator
 from tests.gym_tasks import EPISODE
 
 LEAVES = "tests.gym_tasks:leaves"
+FAR = "tests.mistaken_gym_tasks:far_limit"
 STEPS = 20 * EPISODE + 7  # no multiple of the time limit
 
 
-def collected(path, steps=STEPS):
-    task = find_task(LEAVES)
+def collected(path, steps=STEPS, name=LEAVES):
+    task = find_task(name)
     settings = DatasetSettings(**dataset_robot(task.name, task.specs), steps=steps)
     return Dataset(collect(settings, Results(path), threads=1))
 
@@ -112,6 +115,32 @@ def test_rows_that_are_no_whole_episodes_are_found(dataset):
     without_end = flaw(lost, seeds, episodes, EPISODE)
     assert without_end == "an episode without its end, or an end within one"
     assert flaw(steps, seeds, episodes, EPISODE - 15) is not None
+
+
+def test_part_whose_name_begins_with_action_is_no_action():
+    names = ("action_before", "action_0", "reward")
+    counts = (("episode", pa.int32()), ("step", pa.int16()))
+    columns = pa.schema([*counts, *((name, pa.float32()) for name in names)])
+    states = np.arange(8, dtype=np.float32).reshape(2, 4, 1)
+    made = np.full((2, 3, 2), [0.5, 1.0], np.float32)
+    steps = table(0, states, made, columns)
+    assert flaw(steps, pa.table({"episode": [0, 1], "seed": [7, 8]}), range(2), 3) is None
+    read = rows_block(steps, 1)
+    np.testing.assert_array_equal(read.observations, states)
+    np.testing.assert_array_equal(read.action_vectors, made[..., :1])
+
+
+def test_episodes_far_below_their_time_limit_are_collected(tmp_path):
+    """All actions until the limit would be 80 GB."""
+    dataset = collected(tmp_path, 40, FAR)
+    (block,) = dataset.blocks(FAR)
+    assert block.lengths.sum() == 40
+    assert len(block.lengths) > 1
+    for episode, length in enumerate(block.lengths):
+        random = episode_generator(dataset.settings.seed, episode)
+        random.integers(2**32)  # the seed of the environment
+        actions = random.uniform(-1, 1, (length, 1)).astype(np.float32)
+        np.testing.assert_array_equal(block.actions[episode, :length], actions)
 
 
 def test_long_episodes_have_wide_numbers_of_steps():

@@ -92,7 +92,8 @@ def _checks(kind: CodeKind, request: CheckRequest) -> Iterator[NamedCheck]:
 def kind_of_code(name: str) -> CodeKind:
     """Returns what MODULE:NAME or an installed name is.
 
-    Raises a RequestError if there is none of that name, and a WorkError if it can't be imported.
+    Raises a RequestError if there is none of that name, or jbench does not check what it is, and a
+    WorkError if it can't be imported.
     """
     if name.startswith((SUITE, GYM)):
         return "task"
@@ -107,6 +108,14 @@ def kind_of_code(name: str) -> CodeKind:
                 return kind
         if all(hasattr(found, method) for method in _ENVIRONMENT):
             return "task"
+
+        from stable_baselines3.common.base_class import BaseAlgorithm  # takes a second to import
+
+        if issubclass(found, BaseAlgorithm):
+            raise RequestError(
+                f"{name} is a class of stable-baselines3, whose training loop is its own: type "
+                f"jbench train --algo {name} --seeds 0 --steps 4k --results trial, which tries it."
+            )
 
     elif _is_environment(found):
         raise RequestError(

@@ -187,6 +187,7 @@ def test_reward_out_of_range_ends_the_checks(modules, states):
             "type tests.odd_tasks:reach.",
         ),
         (["pca", "--as", "robot"], "Unknown kind of code 'robot'; choose task, agent, rule"),
+        (["sb3_contrib:TQC"], "type jbench train --algo sb3_contrib:TQC --seeds 0 --steps 4k"),
     ],
 )
 def test_wrong_request_is_refused(refused, typed, message):

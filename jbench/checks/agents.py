@@ -27,6 +27,10 @@ EPISODE = 50
 """Control steps of the episodes that are trained."""
 
 _EPISODES = 3
+
+_TOLERANCE = 1e-4
+"""Of actions, whose sums are rounded in another order."""
+
 _QUICK = {
     "learning_starts": 20,
     "batch_size": 8,
@@ -109,7 +113,7 @@ def _made(make: _Make, task: str) -> str:
 
 
 def _actions(make: _Make) -> str:
-    """Checks that actions are deterministic, and their shape for any number of robots."""
+    """Checks that actions are deterministic, of each robot alone, and have the right shape."""
     with make([0]) as engine:
         size = engine.environments.size
         action_size = engine.environments.action_size
@@ -126,8 +130,22 @@ def _actions(make: _Make) -> str:
             )
 
         _check_finite(engine)
+        _check_each_alone(engine)
 
     return "act is deterministic, for any number of observations"
+
+
+def _check_each_alone(engine: Engine) -> None:
+    """Raises a WorkError if the action for an observation depends on others beside it."""
+    size = engine.environments.size
+    observations = np.random.default_rng(0).normal(size=(1, 7, size)).astype(np.float32)
+    together = engine.act(observations)
+    alone = [engine.act(observations[:, i : i + 1]) for i in range(7)]
+    if np.abs(together - np.concatenate(alone, axis=1)).max() > _TOLERANCE:
+        raise WorkError(
+            "act returns another action for an observation beside others than alone: an evaluation "
+            "would depend on its number of episodes."
+        )
 
 
 def _trains(make: _Make, environments: int = 1) -> str:
@@ -226,7 +244,7 @@ def _policy(make: _Make) -> str:
         observations = np.random.default_rng(0).normal(size=(1, 5, size)).astype(np.float32)
         difference = np.abs(saved.act(observations[0]) - engine.act(observations)[0].clip(-1, 1))
 
-    if difference.max() > 1e-4:
+    if difference.max() > _TOLERANCE:
         raise WorkError(
             f"the saved policy acts differently from act, by up to {difference.max():.2g}: policy "
             "must return the module that act uses."

@@ -122,6 +122,13 @@ class DrawsWhenItActs(Good):
         return np.tanh(observations @ self.weights + self.random.normal())
 
 
+class ComparesRobots(Good):
+    """Its policy subtracts the mean of the robots side by side, as batch normalization does."""
+
+    def act(self, observations):
+        return super().act(observations - observations.mean(0))
+
+
 class ChangesWhenItActs(Good):
     """An evaluation changes its exploration."""
 
@@ -140,18 +147,19 @@ DEFECTS = {
     "ForgetsNoise": ("state", "state must return everything that changes"),
     "IgnoresSeed": ("seeds", "training again with the same seed gives other numbers"),
     "DrawsWhenItActs": ("actions", "act returns other actions for the same observations"),
+    "ComparesRobots": ("actions", "another action for an observation beside others than alone"),
     "ChangesWhenItActs": ("evaluation", "evaluating between two steps changes the training"),
     "OtherPolicy": ("policy", "the saved policy acts differently from act"),
 }
 """The check that fails, and what it says, by the class of the agent."""
 
+FAST_DEFECTS = ("ForgetsNoise", "DrawsWhenItActs")
+
 
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(
-            name, marks=() if name in ("ForgetsNoise", "DrawsWhenItActs") else pytest.mark.slow
-        )
+        pytest.param(name, marks=() if name in FAST_DEFECTS else pytest.mark.slow)
         for name in DEFECTS
     ],
 )

@@ -5,7 +5,6 @@ import shlex
 import sys
 from collections.abc import Sequence
 from functools import partial
-from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +13,7 @@ from typer import Option
 from jbench import names
 from jbench.commands import options, output, parsing
 from jbench.commands.kept import kept_report
+from jbench.commands.verdict_tables import print_verdicts
 from jbench.commands.watching import changes, open_page
 from jbench.errors import NothingYetError, RequestError, WorkError
 from jbench.report.request import Request, bounds_typed, is_directory, names_typed
@@ -23,7 +23,6 @@ from jbench.wording import repair_hint
 if TYPE_CHECKING:
     from jbench.report.frames import Frames
     from jbench.report.report import WrittenReport
-    from jbench.report.verdict_matrices import VerdictMatrix
     from jbench.store import Results
 
 
@@ -248,7 +247,7 @@ def _print_tables(frames: "Frames") -> None:
     for table in tables(frames):
         if table.name == "verdicts" and table.name in asked and not request.claims:
             for matrix in verdict_matrices(frames):
-                _print_verdicts(table.title, matrix)
+                print_verdicts(table.title, matrix)
         elif table.name in asked:
             output.frame(table.title, table.texts(), table.spare)
 
@@ -265,20 +264,3 @@ def _document(written: "WrittenReport") -> dict[str, Any]:
     entries = {name: records(getattr(frames, name)) for name in shown}
     about = {"files": written.files, "notes": written.notes, "problems": frames.problems}
     return {"headline": frames.headline, **entries, **about}
-
-
-def _print_verdicts(title: str, matrix: "VerdictMatrix") -> None:
-    """Prints the verdicts on some representations."""
-    from jbench.report.table import OBSERVED
-
-    rows = []
-    for about, group in matrix.groups.items():
-        for row in group:
-            cells = (cell and f"{cell.mark} {cell.verdict}" for cell in row.verdicts)
-            rows.append([about, OBSERVED.form(vars(row)), *cells])
-
-    header = ["", "representation"]
-    for baseline, claim in product(matrix.baselines, matrix.claims.values()):
-        header.append(f"{claim} against {baseline}")
-
-    output.table(title, header, rows)

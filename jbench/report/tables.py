@@ -121,7 +121,7 @@ def _final_returns(frames: Frames) -> Table:
         _final_returns_caption(frames, agents),
         _with_policies(agents, frames.baselines),
         _final_returns_columns(frames),
-        spare=(*_SPARE_COLUMNS, other, "diverged"),
+        spare=(*_SPARE_COLUMNS, other, "diverged", "steps"),
     )
 
 

@@ -11,7 +11,10 @@ import numpy as np
 import pytest
 
 from jbench.cli import main
+from jbench.commands.verdict_tables import print_verdicts
 from jbench.commands.watching import changes, open_page
+from jbench.report.frames import Frames
+from jbench.report.verdict_matrices import verdict_matrices
 from tests.forking import COMMAND, Piped
 
 RELOADS = b'<meta http-equiv="refresh"'
@@ -44,6 +47,32 @@ def test_claims_are_in_json_files_and_page(filled, undrawn, capsys):
     assert "With the reduced order learning is slightly faster." in page
     assert (out / "tables" / "claims.tex").exists()
     assert str(out / "report.json") in output["files"]
+
+
+@pytest.mark.parametrize(
+    ("width", "titles"),
+    [
+        (80, ["Does reduction help? Against full", "Does reduction help? Against scaled"]),
+        (150, ["Does reduction help?"]),
+    ],
+)
+def test_a_narrow_terminal_shows_the_verdicts_against_each_baseline(width, titles, fabric, capsys):
+    for place, name in enumerate(("full", "scaled16", "dae12")):
+        fabric.flat([500 + place] * 6, representation=name, task="move_in_direction")
+
+    frames = Frames(fabric.results)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("COLUMNS", str(width))
+        for matrix in verdict_matrices(frames):
+            print_verdicts("Does reduction help?", matrix)
+
+    lines = [line.strip() for line in capsys.readouterr().out.splitlines()]
+    assert [line for line in lines if line.startswith("Does")] == titles
+    rows = [line for line in lines if line not in titles and any(mark in line for mark in "✓✗=?")]
+    # A line has a representation with its three verdicts; scaled is compared with full alone.
+    names = [name for row in rows for name in ("scaled", "dae12") if name in row]
+    assert sorted(names) == ["dae12"] * len(titles) + ["scaled"]
+    assert sum(row.count(mark) for row in rows for mark in "✓✗=?") == 9
 
 
 def test_returns_option_selects_leading_returns(fabric, undrawn, capsys):

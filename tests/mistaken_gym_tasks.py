@@ -4,6 +4,7 @@ import signal
 import sys
 
 import gymnasium
+import mujoco
 import numpy as np
 from gymnasium import spaces
 from gymnasium.wrappers import NormalizeObservation, NormalizeReward, TimeLimit
@@ -220,3 +221,24 @@ def two_limits():
 def far_limit():
     """Its episodes end long before their time limit."""
     return TimeLimit(Leaves(), 10**10)
+
+
+class Rebuilt(Cart):
+    """Makes its model of MuJoCo again at each reset."""
+
+    def __init__(self):
+        self.build()
+
+    def build(self):
+        body = "<body><geom size='.1'/></body>"
+        self.model = mujoco.MjModel.from_xml_string(
+            f"<mujoco><worldbody>{body}</worldbody></mujoco>"
+        )
+        self.data = mujoco.MjData(self.model)
+
+    def reset(self, *, seed=None, options=None):
+        self.build()
+        return super().reset(seed=seed, options=options)
+
+
+rebuilt = limited(Rebuilt)

@@ -62,7 +62,7 @@ class Pictures:
         self._worlds = worlds
         self._view = view
         self._camera = FREE_CAMERA
-        self._artists = dict[int, Artist]()
+        self._artists = dict[int, Artist]()  # by world
         if view.mode is None and view.camera is None:
             return
         if task.has_physics:
@@ -86,13 +86,24 @@ class Pictures:
         if not self._task.has_physics:
             return self._worlds.picture(world)
 
-        # Worlds that share their data share what draws it.
+        return self._artist(world).draw(view.mode)
+
+    def _artist(self, world: int) -> "Artist":
+        """Returns what draws a world; worlds that share their data share it."""
         model, data = self.physics(world)
-        artist = self._artists.get(id(data))
+        artist = self._artists.get(world)
+        if artist is not None and artist.data is data:
+            return artist
+
+        if artist is not None:  # of an environment that has made its model again
+            artist.close()
+        sharing = (other for other in self._artists.values() if other.data is data)
+        artist = next(sharing, None)
         if artist is None:
-            artist = Artist(model, data, self._camera, view.width, view.height)
-            self._artists[id(data)] = artist
-        return artist.draw(view.mode)
+            artist = Artist(model, data, self._camera, self._view.width, self._view.height)
+
+        self._artists[world] = artist
+        return artist
 
     def begin(self) -> None:
         """Frees what draws the last episode, if the next one may have another model or terrain."""
@@ -142,7 +153,11 @@ class Pictures:
 
 
 class Artist:
-    """Draws a model and its data in a window or as pictures, from the first call of `draw` on."""
+    """Draws a model and its data in a window or as pictures, from the first call of `draw` on.
+
+    Attributes:
+        data: that is drawn.
+    """
 
     def __init__(
         self, model: mujoco.MjModel, data: mujoco.MjData, camera: int, width: int, height: int
@@ -158,7 +173,7 @@ class Artist:
         buffer.offwidth = max(buffer.offwidth, width)
         buffer.offheight = max(buffer.offheight, height)
         self._model = model
-        self._data = data
+        self.data = data
         # Drawn in its place, since what is computed for a picture would change the episode: rewards
         # and observations of some robots have positions from before the last physics step.
         self._drawn = mujoco.MjData(model)
@@ -177,7 +192,7 @@ class Artist:
         if self._renderer is None:
             self._renderer = self._make(mode)
 
-        mujoco.mj_copyData(self._drawn, self._model, self._data)
+        mujoco.mj_copyData(self._drawn, self._model, self.data)
         # Positions of bodies and cameras are those before the last physics step.
         mujoco.mj_forward(self._model, self._drawn)
         # Another robot may have made its own context current.

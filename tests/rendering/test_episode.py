@@ -20,6 +20,7 @@ from jbench.task_specs import CAMERAS
 from jbench.tasks.gym import RobotEnv
 from jbench.tasks.jitterbug import features, geometry, resets
 from jbench.tasks.jitterbug.features import goal
+from jbench.tasks.pictures import Artist
 from tests.rendering.render_policies import PAD, Constant
 
 SMALL = {"width": 96, "height": 64}
@@ -65,6 +66,21 @@ def test_drawing_changes_no_reward_and_no_observation():
 
     for one, other in zip(*seen, strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.usefixtures("rendering")
+def test_environment_that_makes_its_model_again_is_drawn_by_one_renderer(monkeypatch):
+    closed = []
+    close = Artist.close
+    monkeypatch.setattr(Artist, "close", lambda artist: (closed.append(artist), close(artist)))
+    env = RobotEnv("tests.mistaken_gym_tasks:rebuilt", "rgb_array", width=8, height=8)
+    for episode in range(3):
+        env.reset(seed=episode)
+        assert env.render().shape == (8, 8, 3)
+        assert len(closed) == episode
+
+    env.close()
+    assert len(set(closed)) == 3
 
 
 @pytest.mark.usefixtures("coarse_pictures")

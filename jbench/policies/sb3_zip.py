@@ -7,6 +7,7 @@ pickled objects in the file are loaded, so no code in the file runs.
 import io
 import json
 import re
+import warnings
 import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ import torch
 from torch import nn
 
 from jbench.array_types import Float32Array
-from jbench.errors import RequestError
+from jbench.errors import RequestError, WorkWarning
 from jbench.names import TASKS
 from jbench.policies.actors import UnsupportedPolicyError, float32_array, module_layers
 from jbench.policies.layers import Linear, SavedLayer, Tanh
@@ -53,6 +54,9 @@ _DETERMINISTIC = _ActorForm("actor.mu.", "actor.latent_pi.", "ReLU", [Tanh()], i
 
 _STOCHASTIC = _ActorForm("action_net.", "mlp_extractor.policy_net.", "Tanh")
 """Of PPO, A2C and TRPO."""
+
+_NORMALIZED = "_last_original_obs"
+"""What PPO and the like record with a VecNormalize alone; DDPG, TD3 and SAC always do."""
 
 _LONGEST = 96  # characters of a name without .zip in an id
 
@@ -121,6 +125,8 @@ def read_sb3_zip(path: str, task: str) -> SavedNetwork:
     inputs, outputs = sizes
     wanted = find_task(task)
     if sizes == (wanted.observation_size, wanted.action_size):
+        if form is _STOCHASTIC and data.get(_NORMALIZED) is not None:
+            _warn_of_normalization(path)
         return SavedNetwork([*layers, *to_unit_actions(path, bounds, form.is_scaled, wanted)])
 
     advice = "name its task with --task"
@@ -132,6 +138,16 @@ def read_sb3_zip(path: str, task: str) -> SavedNetwork:
         f"{path} has {counted(inputs, 'input')} and {counted(outputs, 'output')}, but {task} has "
         f"observations of {wanted.observation_size} numbers and actions of {wanted.action_size}; "
         f"{advice}."
+    )
+
+
+def _warn_of_normalization(path: str) -> None:
+    """Warns that the file of a model lacks how its observations were normalized, if they were."""
+    warnings.warn(
+        f"{path} is of a training with a VecNormalize, whose statistics are not in the file: if it "
+        "normalized observations, load both in a module of yours and type MODULE:NAME.",
+        WorkWarning,
+        stacklevel=3,
     )
 
 

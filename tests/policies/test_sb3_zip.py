@@ -2,6 +2,7 @@
 
 import io
 import json
+import warnings
 import zipfile
 
 import gymnasium
@@ -9,9 +10,10 @@ import numpy as np
 import pytest
 import torch
 from stable_baselines3 import A2C, DDPG, PPO, SAC, TD3
+from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from jbench.cli import main
-from jbench.errors import RequestError
+from jbench.errors import RequestError, WorkWarning
 from jbench.policies.actors import acting
 from jbench.policies.sb3_zip import read_sb3_zip, recorded_name
 from jbench.settings.records import EvaluationSettings
@@ -184,6 +186,24 @@ def test_policy_that_is_no_known_sequence_of_layers_is_refused(save, settings, m
     _, path = save(PPO, **settings)
     with pytest.raises(RequestError, match=message):
         read_sb3_zip(path, FACE)
+
+
+@pytest.mark.parametrize("is_normalized", [True, False])
+def test_warning_says_that_statistics_of_observations_are_not_in_the_file(is_normalized, tmp_path):
+    env = DummyVecEnv([lambda: gymnasium.make("jbench:Jitterbug/FaceDirection-v0")])
+    if is_normalized:
+        env = VecNormalize(env)
+
+    model = PPO("MlpPolicy", env, device="cpu", n_steps=2, batch_size=2)
+    model._setup_learn(2)  # as `learn` begins
+    model.save(tmp_path / "ppo.zip")
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always", WorkWarning)
+        read_sb3_zip(str(tmp_path / "ppo.zip"), FACE)
+
+    said = [str(each.message) for each in found if each.category is WorkWarning]
+    assert len(said) == is_normalized
+    assert all("with a VecNormalize, whose statistics are not in the file" in one for one in said)
 
 
 def test_model_of_another_task_is_refused(save):

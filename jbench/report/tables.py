@@ -178,10 +178,7 @@ def _final_returns_caption(frames: Frames, agents: pd.DataFrame) -> str:
         sentences.append(f"{frames.source.shared}.")
     if len(frames.baselines):
         fewest = int(frames.baselines["episodes"].min())
-        sentences.append(
-            f"Random and hand-written policies: the mean of {fewest} episodes or more, "
-            "not a number of seeds."
-        )
+        sentences.append(f"Random and hand-written policies: means of at least {fewest} episodes.")
     if NORMALIZED in set(agents["task"]):
         other = ", or the bounds in the notes" if frames.request.normalize else ""
         sentences.append(f"Normalized: 0 is the lowest and 1 the highest return of a task{other}.")

@@ -7,7 +7,7 @@ their random resamples.
 import json
 import re
 from functools import cache
-from itertools import combinations, pairwise
+from itertools import chain, combinations, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -130,16 +130,33 @@ def assert_agrees(text, statistic, *samples):
 
 
 def table(page, heading):
-    """Returns the rows of the only table of a page whose first line contains a text.
+    """Returns the rows of the only table of a page whose first line contains a text."""
+    (rows,) = tables(page, heading)
+    return rows
+
+
+def tables(page, heading):
+    """Returns the rows of each table of a page whose first line contains a text.
 
     A row whose first cell is empty has that of the row above.
     """
-    tables = re.findall(r"(?:^\|.*\n)+", (ROOT / page).read_text(), re.MULTILINE)
-    (lines,) = (found.splitlines() for found in tables if heading in found.split("\n")[0])
-    rows = [[cell.strip(" `") for cell in line[1:-1].split("|")] for line in lines[2:]]
-    for above, row in pairwise(rows):
-        row[0] = row[0] or above[0]
-    return rows
+    found = []
+    for text in re.findall(r"(?:^\|.*\n)+", (ROOT / page).read_text(), re.MULTILINE):
+        first, _, *lines = text.splitlines()
+        if heading not in first:
+            continue
+
+        rows = [[cell.strip(" `") for cell in line[1:-1].split("|")] for line in lines]
+        for above, row in pairwise(rows):
+            row[0] = row[0] or above[0]
+        found.append(rows)
+    return found
+
+
+def rows_of_td3(task):
+    """Returns the rows of a task in the tables of agents of TD3, which have the same headings."""
+    found = tables("docs/answer.md", "| at the end | difference | each agent")
+    return [row for row in chain(*found) if row[0] == task]
 
 
 def configuration(text):
@@ -689,6 +706,47 @@ def test_what_standardized_inputs_change_between_observations():
     assert "At the end, the differences are {} and {}.".format(*at_end) in page
 
 
+@pytest.mark.parametrize(
+    ("row", "name", "count"), [(0, "full", 10), (1, "full, normalize=running", 5)]
+)
+def test_table_of_td3_with_standardized_inputs(row, name, count):
+    of = seeds_on_robot(TASKS[0], algo="TD3")
+    shown = rows_of_td3(TASKS[0])[row]
+    assert len(of[name]) == count
+    assert ("standardized" in shown[1]) == ("normalize" in name)
+    assert shown[6] == ", ".join(f"{final:.0f}" for final in of[name]["final"])
+    for text, change, column in ((*shown[2:4], "over_run"), (*shown[4:6], "final")):
+        assert text == f"{iqm(of[name][column]):.0f}"
+        if name != "full":
+            assert change == difference_in_words(of[name][column], of["full"][column])
+
+
+def test_what_standardized_inputs_do_to_td3():
+    at_60k = {}
+    for record in shipped_results().scan("run")[0]:
+        task, algo, representation, _ = record.id.split("/")
+        settings = record.settings
+        if (task, algo, representation) != (TASKS[0], "td3", "full"):
+            continue
+        if settings["engine"] != "batched" or "precision" in settings:
+            continue
+        rows = record.read("evaluations").to_pandas()
+        mean = rows.loc[rows["control_steps"] == 60_000, "episode_return"].mean()
+        at_60k.setdefault("normalize" in settings["hyperparameters"], []).append(mean)
+
+    with_them, without = at_60k[True], at_60k[False]
+    assert (len(with_them), len(without)) == (5, 10)
+    sentence = (
+        f"the five agents with standardized inputs get {lowest_to_highest(with_them)}, "
+        f"and the ten without {lowest_to_highest(without)}."
+    )
+    assert sentence in text_of("answer")
+
+    planned = chosen_from(shipped().decisions, task=TASKS[0], algo="TD3", representation="full")
+    (planned,) = chosen_from(planned, words="normalize=running").itertuples()
+    assert (planned.verdict, planned.seeds) == ("undecided", 5)
+
+
 def test_what_each_step_adds(returns):
     rows = table("docs/answer.md", "| step |")
     steps = ["full", "scaled", "heading", "planar", "planar-mirror"]
@@ -759,9 +817,9 @@ ON_OTHER_ROBOTS = (
 )
 
 
-def seeds_on_robot(task):
+def seeds_on_robot(task, algo="TD3"):
     """Returns the rows of evaluation returns on a robot by representation and other settings."""
-    rows = chosen_from(shipped().seeds, task=task, returns="evaluation")
+    rows = chosen_from(shipped().seeds, task=task, algo=algo, returns="evaluation")
     words = rows["words"].map(lambda words: f", {words}" if words else "")
     return dict(iter(rows.groupby(rows["representation"] + words)))
 
@@ -778,8 +836,7 @@ def decided_on(task, representation, words=""):
 def test_table_of_other_robots(task, names):
     of = seeds_on_robot(task)
     assert {*of} == {*names}
-    rows = [row for row in table("docs/answer.md", "| at the end | difference |") if row[0] == task]
-    for row, name in zip(rows, names, strict=True):
+    for row, name in zip(rows_of_td3(task), names, strict=True):
         assert ("standardized" in row[1]) == ("normalize" in name)
         assert len(of[name]) == 5
         assert row[2] == f"{iqm(of[name]['over_run']):,.0f}"

@@ -220,6 +220,9 @@ def _weights(content: bytes) -> dict[str, Float32Array]:
     """Returns the arrays of a state dictionary; other objects are refused, not unpickled."""
     try:
         weights = torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)
+        if not all(isinstance(tensor, torch.Tensor) for tensor in weights.values()):
+            raise TypeError("a value is no tensor")
+
         return {name: float32_array(tensor) for name, tensor in weights.items()}
     except Exception as error:
         raise ValueError("policy.pth holds other objects than weights") from error

@@ -119,6 +119,12 @@ def test_commands_of_illustrations_parse(page):
                 VERBS[arguments[0]].make_context(arguments[0], arguments[1:])
 
 
+def test_no_line_of_a_paragraph_begins_as_an_item_of_a_list():
+    """Markdown would make a list of `919. So`, and leave the number out."""
+    begins = re.compile(r"^ *\d{2,}[.)] .*", re.MULTILINE)
+    assert [(page.name, line) for page in PAGES for line in begins.findall(page.read_text())] == []
+
+
 def test_named_files_exist():
     file = re.compile(r"\b(?:benchmarks|docs|tests)/[\w/.]+\.\w+")
     named = [(page.name, name) for page in PAGES for name in file.findall(page.read_text())]

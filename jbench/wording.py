@@ -91,6 +91,11 @@ def directory_name(path: Path) -> str:
     return name or RESULTS
 
 
+def joined_clauses(*clauses: str) -> str:
+    """Returns the clauses that are not empty, such as `undecided; no common step`."""
+    return "; ".join(filter(None, clauses))
+
+
 def in_matrix_file(keys: str, table: str = "") -> str:
     """Returns which keys of a matrix file do what the options of a message do, in parentheses."""
     of_table = f" of [{table}]" if table else ""

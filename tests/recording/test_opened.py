@@ -18,9 +18,10 @@ def shipped():
 
 
 @pytest.fixture(scope="module")
-def of_sac(tmp_path_factory):
+def sac_results(tmp_path_factory):
     """Returns the shipped runs of SAC on face_direction alone, which are read sooner than all."""
-    path, whole = tmp_path_factory.mktemp("sac"), shipped_results().path
+    path = tmp_path_factory.mktemp("sac")
+    whole = shipped_results().path
     for kept in ("runs/face_direction/sac", "evaluations/face_direction/face_direction.sac.*"):
         for folder in whole.glob(kept):
             shutil.copytree(folder, path / folder.relative_to(whole))
@@ -30,7 +31,7 @@ def of_sac(tmp_path_factory):
 @pytest.mark.parametrize(
     ("results", "algo", "precisions"),
     [
-        ("of_sac", "sac", {"float32"}),
+        ("sac_results", "sac", {"float32"}),
         pytest.param("shipped", "td3", {"float32", "bfloat16"}, marks=pytest.mark.slow),
     ],
 )

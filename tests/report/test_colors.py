@@ -64,7 +64,7 @@ def least_distance(colors, vision):
     return distances[np.triu_indices(len(colors), 1)].min()
 
 
-def colors_of(names, by):
+def series_colors(names, by):
     """Returns the color of each of some kinds of representations, or of some algorithms."""
     found = style.looks(pd.DataFrame({"name": names, by: names}), "name", by)
     return [found[name].color for name in names]
@@ -89,7 +89,7 @@ def test_contrasts_and_distances_are_those_of_colors_whose_numbers_are_known():
 @pytest.mark.parametrize("background", backgrounds())
 def test_each_color_of_a_series_is_seen_on_each_background(background):
     kinds = [*MAIN, *ENCODER_KINDS, *(f"mine{letter}" for letter in "abcdef")]
-    drawn = {*colors_of(kinds, "kind"), *colors_of(ALGORITHMS, "algo"), style.SOFT}
+    drawn = {*series_colors(kinds, "kind"), *series_colors(ALGORITHMS, "algo"), style.SOFT}
     if background != "#ffffff":
         drawn -= {style.SOFT}  # which the page replaces by one of its theme
     low = {color: contrast(color, background) for color in drawn}
@@ -99,8 +99,8 @@ def test_each_color_of_a_series_is_seen_on_each_background(background):
 
 @pytest.mark.parametrize("vision", VISION)
 def test_the_color_blind_can_tell_main_representations_and_algorithms_apart(vision):
-    assert least_distance(colors_of(MAIN, "kind"), vision) > 10
-    assert least_distance(colors_of(ALGORITHMS, "algo"), vision) > 14
+    assert least_distance(series_colors(MAIN, "kind"), vision) > 10
+    assert least_distance(series_colors(ALGORITHMS, "algo"), vision) > 14
 
 
 def test_main_representations_have_markers_of_their_own():

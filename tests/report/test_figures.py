@@ -206,7 +206,7 @@ def test_three_configurations_of_six_seeds_have_a_panel_of_variability_and_come_
     add_runs(fabric, "full", "dae12", "pca12", seeds=6)
     chart = chart_of(fabric, "returns")
     assert chart.note.endswith(
-        "its interval begins at 0; a line to the right edge goes on beyond it"
+        "its interval begins at 0; a line to the right edge extends beyond it"
     )
     titles = [panel.title for panel in chart.panels]
     assert titles == [

@@ -24,7 +24,7 @@ def learn(fabric, representation, steps, seeds=6, **settings):
         fabric.run(FLAT, seed, representation=representation, evaluated=evaluated, **settings)
 
 
-def pair_of(fabric, kind=EVALUATION):
+def made_pair(fabric, kind=EVALUATION):
     full, encoded = fabric.configurations(kind)[0]
     return Pair(encoded, full)
 
@@ -32,20 +32,20 @@ def pair_of(fabric, kind=EVALUATION):
 def test_last_evaluations_at_different_steps_are_named(fabric):
     learn(fabric, "full", [10_000, 20_000, 30_000])
     learn(fabric, "dae12", [15_000, 25_000])
-    pair = pair_of(fabric)
+    pair = made_pair(fabric)
     # Up to 25,000 control steps, the full observation was last evaluated at 20,000.
     assert pair.control_steps == 25_000
     found = remark_on_schedules(pair, FINAL_RETURN)
     assert found == "evaluated at different control steps, here at 25k and 20k"
     assert remark_on_schedules(pair, SPEED) == INTERPOLATED
     # Training returns are those of each episode.
-    assert remark_on_schedules(pair_of(fabric, TRAINING), FINAL_RETURN) == ""
+    assert remark_on_schedules(made_pair(fabric, TRAINING), FINAL_RETURN) == ""
 
 
 def test_equal_ends_and_nearly_equal_ones_need_no_remark(fabric):
     learn(fabric, "full", [10_000, 20_000, 30_000])
     learn(fabric, "dae12", [15_000, 30_200])  # an evaluation after the episode that ends training
-    pair = pair_of(fabric)
+    pair = made_pair(fabric)
     assert remark_on_schedules(pair, SPEED) == INTERPOLATED
     assert remark_on_schedules(pair, FINAL_RETURN) != ""  # up to 30,000: 15,000 and 30,000
     assert remark_on_schedules(Pair(*pair.sides, 30_200), FINAL_RETURN) == ""
@@ -55,7 +55,7 @@ def test_longer_runs_with_the_same_schedule_need_no_remark(fabric):
     learn(fabric, "full", [10_000, 20_000, 30_000, 40_000])
     learn(fabric, "dae12", [10_000, 20_000])
     for quantity in (FINAL_RETURN, SPEED):
-        assert remark_on_schedules(pair_of(fabric), quantity) == ""
+        assert remark_on_schedules(made_pair(fabric), quantity) == ""
 
 
 def test_page_terminal_and_json_say_it(fabric, out, capsys):
@@ -112,7 +112,7 @@ def test_sides_without_a_common_step_are_refused(first, fabric, out, capsys):
 def test_a_verdict_without_a_common_step_says_so(fabric):
     learn(fabric, "full", [30_000, 40_000])
     learn(fabric, "dae12", [10_000, 20_000])
-    pair = pair_of(fabric)
+    pair = made_pair(fabric)
     reason = (
         "nothing in common, the first return of face_direction TD3 full is at 30k control steps, "
         "and face_direction TD3 dae12 ends at 20k"

@@ -41,6 +41,7 @@ from jbench.statistics import bootstrap as st
 from jbench.statistics.verdicts import ERROR_RATE
 from jbench.studies.quantities import FINAL_RETURN, MARGIN, SPEED
 from jbench.studies.study import RAW
+from jbench.wording import joined_clauses
 
 _OFF_POLICY = ("ddpg", "sac", "td3")
 _ON_POLICY = "ppo"
@@ -184,10 +185,10 @@ def _on_pair(claim: str, pair: Pair, baseline: str) -> Finding:
     )
     returns, source, at, remark = _common(*pair.sides)
     quantity = SPEED if claim == FASTER else FINAL_RETURN
-    remark = "; ".join(filter(None, (remark, remark_on_schedules(pair, quantity))))
+    remark = joined_clauses(remark, remark_on_schedules(pair, quantity))
     if claim == SIMILAR_RETURN and not pair.ours.margin:
         decided = ClaimVerdict()
-        remark = "; ".join(filter(None, (_NO_MARGIN, remark)))
+        remark = joined_clauses(_NO_MARGIN, remark)
 
     finding = Finding(
         claim=claim,
@@ -223,7 +224,7 @@ def _without_episodes(finding: Finding, pair: Pair) -> Finding:
 
     if reason:
         decided = replace(decided, verdict="undecided")
-        remark = "; ".join(filter(None, (reason, remark)))
+        remark = joined_clauses(reason, remark)
 
     if finding.claim == VARIES_LESS:
         opposite = {"supported": "contradicted", "contradicted": "supported"}
@@ -258,7 +259,7 @@ def _on_gain(harder: Pair, easier: Pair) -> Finding:
         returns=returns,
         source=source,
         steps=at,
-        remark="; ".join(filter(None, (untested, remark))),
+        remark=joined_clauses(untested, remark),
     )
 
 

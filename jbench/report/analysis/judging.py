@@ -13,6 +13,7 @@ import numpy as np
 from jbench.numbers import decimals, end, fixed, signed, whole
 from jbench.statistics.verdicts import DECIDING_SEEDS, Evidence, corrected_verdicts
 from jbench.studies.quantities import FINAL_RETURN, SIMILAR, UNDECIDED, Quantity
+from jbench.wording import joined_clauses
 
 SEQUENTIAL = "sequential test"
 """Origin of the verdicts of the group-sequential test."""
@@ -78,7 +79,7 @@ class Comparison:
             "corrected_low": judgment.low,
             "corrected_high": judgment.high,
             "corrected_by": judgment.by,
-            "text": "; ".join(filter(None, (self._text(judgment, value), self.remark))),
+            "text": joined_clauses(self._text(judgment, value), self.remark),
             "remark": self.remark,
         }
 

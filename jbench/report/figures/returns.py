@@ -62,7 +62,7 @@ def forest(frames: Frames) -> Chart | None:
         note += f"; vertical line: the return of a solved task ({SOLVED_RETURN})"
     if rows["beside"].any():
         note += "; hollow mark of variability: its interval begins at 0"
-        note += "; a line to the right edge goes on beyond it"
+        note += "; a line to the right edge extends beyond it"
 
     return Chart("returns", "Final returns", note, panels, looks, data="configurations", **ROWS)
 

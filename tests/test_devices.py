@@ -6,8 +6,7 @@ import torch
 from jbench.commands import run_checks
 from jbench.devices import find_device, slowdown_of_bfloat16
 from jbench.errors import RequestError
-from jbench.settings.algorithms import algorithm_settings
-from jbench.settings.run import RunSettings
+from tests.training.small_runs import small_run
 
 
 @pytest.fixture
@@ -57,17 +56,8 @@ def test_bfloat16_on_a_processor_without_it_is_warned_of(
     slowdown, precision, is_warned, capsys, monkeypatch
 ):
     monkeypatch.setattr(run_checks, "slowdown_of_bfloat16", lambda: slowdown)
-    hyperparameters = algorithm_settings("td3").model_dump(mode="json")
-    run = RunSettings(
-        task="face_direction",
-        algo="td3",
-        seed=0,
-        steps=10_000,
-        evaluate_every=5_000,
-        evaluate_episodes=1,
-        hyperparameters=hyperparameters,
-        precision=precision,
-    )
+    lengths = {"steps": 10_000, "evaluate_every": 5_000, "evaluate_episodes": 1}
+    run = small_run("td3", {}, precision=precision, **lengths)
     run_checks.check_runs([run], "no", "cpu")
     said = "Warning: this processor multiplies in bfloat16 18.0 times as slowly as in float32"
     assert (said in capsys.readouterr().err) is is_warned

@@ -52,13 +52,11 @@ def encoded(encoder, observations, actions, rewards):
     return torch.cat([inputs, actions, rewards], 1)
 
 
-def update_on_images(algo, plain, settings, both, drawn):
+def update_on_images(algo, plain, settings, rows, images, drawn):
     """Updates a plain rule with minibatches in which 7 of 15 transitions are mirror images.
 
-    `both` are the rows and their images, `drawn` the places of transitions and of the next ones in
-    each minibatch, and the noise.
+    `drawn` are the places of transitions and of the next ones in each minibatch, and the noise.
     """
-    rows, images = both
     for update, (sampled, following, noise) in enumerate(zip(*drawn, strict=True), 1):
         now, later = (
             torch.cat([images[indices[:7]], rows[indices[7:]]]) for indices in (sampled, following)
@@ -71,6 +69,20 @@ def update_on_images(algo, plain, settings, both, drawn):
             plain.update(batch)
 
 
+def assert_updates_equal_autograd(algo, engine, rows, images):
+    """Asserts that an engine learns from its replay buffer as a plain rule does from these rows."""
+    settings, (learner,), (updates,) = engine._settings, engine.learners, engine.group_updates
+    plain = PLAIN[algo][0](settings, engine.environments.size)
+    copy_parameters(paired_layers(algo, learner, plain))
+    random = copy.deepcopy(engine.environments.generators[0].updates)
+    updates.prepare(1, UPDATES)
+    sampled, following, _ = engine.replay.sample(random, UPDATES, 15)
+    noise = random.standard_normal((UPDATES, 15, learner.noise_per_transition), np.float32)
+    update_on_images(algo, plain, settings, rows, images, (sampled, following, noise))
+    updates.run()
+    assert_equal_parameters(paired_layers(algo, learner, plain))
+
+
 @pytest.mark.parametrize("encoder", [None, PLANAR], ids=["full", "planar"])
 @pytest.mark.parametrize("algo", PLAIN)
 def test_updates_equal_autograd_on_explicit_mirror_images(algo, encoder):
@@ -78,16 +90,7 @@ def test_updates_equal_autograd_on_explicit_mirror_images(algo, encoder):
     changes = {"mirror": True, "tau": 0.1, "batch_size": 15}
     with build_engine(algo, [3], encoder=encoder, changes=changes, dtype=torch.float64) as engine:
         engine.replay.restore(0, rows[None], ROWS)
-        settings, (learner,), (updates,) = engine._settings, engine.learners, engine.group_updates
-        plain = PLAIN[algo][0](settings, engine.environments.size)
-        copy_parameters(paired_layers(algo, learner, plain))
-        random = copy.deepcopy(engine.environments.generators[0].updates)
-        updates.prepare(1, UPDATES)
-        sampled, following, _ = engine.replay.sample(random, UPDATES, 15)
-        noise = random.standard_normal((UPDATES, 15, learner.noise_per_transition), np.float32)
-        update_on_images(algo, plain, settings, (rows, images), (sampled, following, noise))
-        updates.run()
-        assert_equal_parameters(paired_layers(algo, learner, plain))
+        assert_updates_equal_autograd(algo, engine, rows, images)
 
 
 @pytest.mark.parametrize("algo", ["td3", slow("ddpg"), slow("sac")])

@@ -1,7 +1,5 @@
 """Tests of inputs that are standardized by running statistics, against numpy and other packages."""
 
-import copy
-
 import gymnasium
 import numpy as np
 import pytest
@@ -44,17 +42,11 @@ from tests.agents.test_batched_engine import (
 from tests.agents.test_batched_updates import OFF_POLICY, fill_rollout
 from tests.agents.test_mirrored_minibatches import (
     ROWS,
-    UPDATES,
+    assert_updates_equal_autograd,
     encoded,
     replay_rows,
-    update_on_images,
 )
-from tests.agents.test_plain_updates import (
-    PLAIN,
-    assert_equal_parameters,
-    copy_parameters,
-    paired_layers,
-)
+from tests.agents.test_plain_updates import PLAIN
 from tests.policies.test_onnx_export import run_model
 from tests.training.small_runs import TanhEncoder, small_run
 
@@ -206,13 +198,6 @@ def test_minibatches_are_mirrored_and_then_standardized_by_the_newest_statistics
     changes = {**RUNNING, "mirror": True, "tau": 0.1, "batch_size": 15}
     with build_engine(algo, [3], changes=changes, dtype=torch.float64) as engine:
         engine.replay.restore(0, rows[None], ROWS)
-        settings, (learner,), (updates,) = engine._settings, engine.learners, engine.group_updates
-        plain = PLAIN[algo][0](settings, engine.environments.size)
-        copy_parameters(paired_layers(algo, learner, plain))
-        random = copy.deepcopy(engine.environments.generators[0].updates)
-        updates.prepare(1, UPDATES)
-        sampled, following, _ = engine.replay.sample(random, UPDATES, 15)
-        noise = random.standard_normal((UPDATES, 15, learner.noise_per_transition), np.float32)
         # The statistics change after the rows were stored; images are not counted.
         engine._statistics.add(rows[None, :3, :16])
         state = engine._statistics.state(0)
@@ -220,9 +205,7 @@ def test_minibatches_are_mirrored_and_then_standardized_by_the_newest_statistics
         deviation = (state["variance"] + 1e-8).sqrt()
         for seen in (rows, images):
             seen[:, :16] = ((seen[:, :16] - state["mean"]) / deviation).clamp(-5, 5)
-        update_on_images(algo, plain, settings, (rows, images), (sampled, following, noise))
-        updates.run()
-        assert_equal_parameters(paired_layers(algo, learner, plain))
+        assert_updates_equal_autograd(algo, engine, rows, images)
 
 
 def test_rollouts_of_ppo_hold_what_the_policy_saw():

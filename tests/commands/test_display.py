@@ -8,21 +8,12 @@ from jbench.cli import main
 from jbench.commands.training import note_encoder, show_runs
 from jbench.report.data.curves import final_returns
 from jbench.returns import final_return
-from jbench.settings.algorithms import algorithm_settings
-from jbench.settings.run import RunSettings
 from jbench.store import Results, schema
 from jbench.store.listing import list_runs
 from tests.store import store_rows
+from tests.training.small_runs import small_run
 
-RUN = RunSettings(
-    task="face_direction",
-    algo="td3",
-    seed=0,
-    steps=1_000_000,
-    evaluate_every=50_000,
-    evaluate_episodes=0,
-    hyperparameters=algorithm_settings("td3").model_dump(mode="json"),
-)
+RUN = small_run("td3", {}, steps=1_000_000, evaluate_every=50_000, evaluate_episodes=0)
 
 
 # A quarter is 6 and 7, and 100 at most, 900 to 999.

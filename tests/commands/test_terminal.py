@@ -9,11 +9,11 @@ import sys
 import pytest
 
 from jbench.commands import output, parsing
-from jbench.errors import RequestError
-from jbench.settings.algorithms import algorithm_settings
-from jbench.settings.run import RunSettings
 from jbench.store import Results
 from tests.command_line import wait_until
+from tests.training.small_runs import small_run
+
+WITHOUT_EVALUATIONS = {"steps": 1000, "evaluate_every": 1000, "evaluate_episodes": 0}
 
 
 def test_ctrl_c_ends_the_loop_of_a_shell(tmp_path):
@@ -50,15 +50,7 @@ _ENCODINGS = ["ascii", "latin-1", "cp1252"]
 )
 def test_characters_that_a_pipe_lacks_are_replaced(encoding, commands, tmp_path):
     place = tmp_path / "Öl-✓-▁"
-    run = RunSettings(
-        task="face_direction",
-        algo="td3",
-        seed=0,
-        steps=1000,
-        evaluate_every=1000,
-        evaluate_episodes=0,
-        hyperparameters=algorithm_settings("td3").model_dump(mode="json"),
-    )
+    run = small_run("td3", {}, **WITHOUT_EVALUATIONS)
     Results(place).create("run", run.id, run.model_dump(mode="json")).fail("✗ über")
     environment = {**os.environ, "PYTHONIOENCODING": encoding, "PYTHONUTF8": "0"}
     for arguments, printed, code in (
@@ -139,15 +131,7 @@ def test_setting_with_a_space_is_hinted_at(typed, hint, refused):
 def test_failed_runs_are_listed_with_their_errors(tmp_path, run_command, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     for seed in (0, 1):
-        run = RunSettings(
-            task="face_direction",
-            algo="td3",
-            seed=seed,
-            steps=1000,
-            evaluate_every=1000,
-            evaluate_episodes=0,
-            hyperparameters=algorithm_settings("td3").model_dump(mode="json"),
-        )
+        run = small_run("td3", {}, seed=seed, **WITHOUT_EVALUATIONS)
         record = Results(tmp_path).create("run", run.id, run.model_dump(mode="json"))
         if seed:
             record.fail("the agent diverged at control step 500 of episode 7 and so on")
@@ -157,5 +141,3 @@ def test_failed_runs_are_listed_with_their_errors(tmp_path, run_command, monkeyp
     assert re.search(r"the agent diverged\s+at control\s+step 500", out)
     code, _, err = run_command("runs", "--failed", "--status", "finished", results=tmp_path)
     assert (code, "exclude each other" in err) == (2, True)
-    with pytest.raises(RequestError):
-        parsing.parse_overrides(["tau"])

@@ -22,7 +22,6 @@ from jbench.report.data.untrained import (
     shipped_untrained,
 )
 from jbench.statistics.bootstrap import difference, estimate, interquartile_mean
-from jbench.store.shipped import shipped_results
 from jbench.tasks.find import find_task
 from jbench.wording import in_prose
 from tests.command_line import succeed
@@ -132,6 +131,7 @@ def assert_agrees(text, statistic, *samples):
 def table(page, heading):
     """Returns the rows of the only table of a page whose first line contains a text."""
     (rows,) = tables(page, heading)
+    assert rows
     return rows
 
 
@@ -251,14 +251,14 @@ def test_every_pair_of_representations_has_a_row_of_differences(returns):
     assert f"is lower than with `full`: p is {p}, corrected" in text_of("answer-details")
 
 
-def test_final_return_of_ddpg_without_added_episodes(returns, ddpg_evaluations):
+def test_final_return_of_ddpg_without_added_episodes(returns, evaluated):
     p_values = []
     for first, name, baseline, *_ in table("docs/answer-details.md", "at the end"):
         algo, task = configuration(first)
         pair = [returns["evaluation", algo, task, n].final for n in (name, baseline)]
         if (algo, name, baseline) == ("ddpg", "dae12", "full"):
             place = len(p_values)
-            full, latents = (ddpg_evaluations[task, *agents] for agents in FIGURE_7[:2])
+            full, latents = (evaluated("ddpg", task, *agents) for agents in FIGURE_7[:2])
             pair = [
                 np.array([means.iloc[-1] for means in side.values()]) for side in (latents, full)
             ]
@@ -543,22 +543,32 @@ STANDARDIZED = (
 )
 """Representations, settings, and whether inputs are standardized: the columns of three tables."""
 
+EVALUATED_BY_STEP = """
+SELECT algo, task, representation, seed, control_steps, avg(episode_return) AS mean,
+if((settings->>'$.hyperparameters.batch_size') = '64', 'figure8', 'published') AS settings,
+coalesce((settings->>'$.hyperparameters.normalize') = 'running', false) AS is_standardized
+FROM evaluations JOIN runs USING (run) WHERE engine = 'batched' AND algo IN ('td3', 'ddpg')
+AND settings->>'precision' IS NULL
+AND (settings->>'$.hyperparameters.mirror') IS DISTINCT FROM 'true'
+GROUP BY ALL ORDER BY ALL"""
+
 
 @pytest.fixture(scope="module")
-def ddpg_evaluations():
-    """Returns, by (task, representation, settings, is standardized), evaluations by seed."""
-    found = {}
-    for record in shipped_results().scan("run")[0]:
-        task, algo, representation, _ = record.id.split("/")
-        if algo == "ddpg":
-            hyperparameters = record.settings["hyperparameters"]
-            settings = "figure8" if hyperparameters["batch_size"] == 64 else "published"
-            is_standardized = hyperparameters.get("normalize") == "running"
-            rows = record.read("evaluations").to_pandas()
-            means = rows.groupby("control_steps")["episode_return"].mean()
-            agents = found.setdefault((task, representation, settings, is_standardized), {})
-            agents[record.settings["seed"]] = means
-    return found
+def evaluated():
+    """Returns a function: agents of an algorithm and task, their mean returns by control step.
+
+    It takes the representation, the settings, and whether inputs are standardized; the agents are
+    by seed.
+    """
+    rows = jbench.open("reference").query(EVALUATED_BY_STEP)
+    keys = ["algo", "task", "representation", "settings", "is_standardized"]
+    by_agent = dict(iter(rows.groupby(keys)))
+
+    def find(algo, task, representation, settings, is_standardized):
+        agents = by_agent[algo, task, representation, settings, is_standardized]
+        return dict(iter(agents.set_index("control_steps").groupby("seed")["mean"]))
+
+    return find
 
 
 @pytest.mark.parametrize(
@@ -569,10 +579,10 @@ def ddpg_evaluations():
         ("`raw-without-speed_in_target_frame`", TASKS[1], FIGURE_8),
     ],
 )
-def test_agents_by_control_step(ddpg_evaluations, heading, task, columns):
+def test_agents_by_control_step(evaluated, heading, task, columns):
     *by_step, over_run, at_end = table("docs/answer.md", heading)
     for column, agents in enumerate(columns, 1):
-        seeds = ddpg_evaluations[task, *agents]
+        seeds = evaluated("ddpg", task, *agents)
         for row in by_step:
             values = [means[int(row[0].replace(",", ""))] for means in seeds.values()]
             assert row[column] == median_and_range(values)
@@ -581,10 +591,10 @@ def test_agents_by_control_step(ddpg_evaluations, heading, task, columns):
         assert at_end[column] == ", ".join(f"{final:.0f}" for final in finals)
 
 
-def test_what_the_agents_of_figure_7_learn(ddpg_evaluations):
+def test_what_the_agents_of_figure_7_learn(evaluated):
     at_100k, at_end, medians = {}, {}, []
     for agents in FIGURE_7:
-        seeds = ddpg_evaluations[TASKS[0], *agents]
+        seeds = evaluated("ddpg", TASKS[0], *agents)
         at_100k[agents] = np.array([means[100_000] for means in seeds.values()])
         at_end[agents] = np.array([means.iloc[-1] for means in seeds.values()])
         medians.append(f"{np.median([means.mean() for means in seeds.values()]):.0f}")
@@ -635,8 +645,8 @@ def test_comparisons_of_the_agents_of_figure_7():
     assert f"is {latents:.0f} with the latents and {full:.0f} with the full observation." in page
 
 
-def test_what_standardized_inputs_do_to_the_full_observation(ddpg_evaluations):
-    columns = [[*ddpg_evaluations[TASKS[0], *agents].values()] for agents in STANDARDIZED]
+def test_what_standardized_inputs_do_to_the_full_observation(evaluated):
+    columns = [[*evaluated("ddpg", TASKS[0], *agents).values()] for agents in STANDARDIZED]
     assert [len(seeds) for seeds in columns] == [10, 10, 10, 10, 10]
     raw, standardized, full, _, _ = columns
 
@@ -721,20 +731,11 @@ def test_table_of_td3_with_standardized_inputs(row, name, count):
             assert change == difference_in_words(of[name][column], of["full"][column])
 
 
-def test_what_standardized_inputs_do_to_td3():
-    at_60k = {}
-    for record in shipped_results().scan("run")[0]:
-        task, algo, representation, _ = record.id.split("/")
-        settings = record.settings
-        if (task, algo, representation) != (TASKS[0], "td3", "full"):
-            continue
-        if settings["engine"] != "batched" or "precision" in settings:
-            continue
-        rows = record.read("evaluations").to_pandas()
-        mean = rows.loc[rows["control_steps"] == 60_000, "episode_return"].mean()
-        at_60k.setdefault("normalize" in settings["hyperparameters"], []).append(mean)
-
-    with_them, without = at_60k[True], at_60k[False]
+def test_what_standardized_inputs_do_to_td3(evaluated):
+    with_them, without = (
+        [means[60_000] for means in evaluated("td3", TASKS[0], "full", *settings).values()]
+        for settings in (("published", True), ("published", False))
+    )
     assert (len(with_them), len(without)) == (5, 10)
     sentence = (
         f"the five agents with standardized inputs get {lowest_to_highest(with_them)}, "
@@ -767,8 +768,8 @@ def difference_in_words(ours, theirs):
     return with_interval(found.value, found)
 
 
-def test_the_agents_of_figure_8(ddpg_evaluations):
-    full, latents = ([*ddpg_evaluations[TASKS[1], *agents].values()] for agents in FIGURE_8)
+def test_the_agents_of_figure_8(evaluated):
+    full, latents = ([*evaluated("ddpg", TASKS[1], *agents).values()] for agents in FIGURE_8)
     at_end = [[means.iloc[-1] for means in seeds] for seeds in (full, latents)]
     assert [len(seeds) for seeds in at_end] == [5, 5]
     page = text_of("answer")

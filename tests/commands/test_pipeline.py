@@ -71,7 +71,7 @@ def check_report(results, out, trained, figure, *formats):
     assert all(Path(path).stat().st_size > 0 for path in printed["files"])
 
 
-def test_report_shows_every_cell(pipeline, tmp_path):
+def test_report_shows_every_configuration(pipeline, tmp_path):
     check_report(pipeline, tmp_path / "report", TRAINED, "algorithms", "svg")
 
 

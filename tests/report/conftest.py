@@ -130,11 +130,11 @@ class FabricatedResults:
         """Returns the configurations of all runs, and notes on runs that belong to none."""
         tables = read_tables(self.results).tables
         runs = usable_runs(tables["runs"])[0]
-        cells, notes = build(runs, tables["episodes"], tables["evaluations"])
-        return with_returns(cells, kind), notes
+        configurations, notes = build(runs, tables["episodes"], tables["evaluations"])
+        return with_returns(configurations, kind), notes
 
     def curves(self, order="quantile-first", window=100, kind=TRAINING):
-        return [cell.curve(order, window) for cell in self.configurations(kind)[0]]
+        return [config.curve(order, window) for config in self.configurations(kind)[0]]
 
 
 def import_curves(results, algo, curves, *more):

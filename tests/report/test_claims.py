@@ -163,7 +163,7 @@ def test_solved_tasks_are_supported_and_unsolved_contradicted(fabric):
     assert almost.decided.verdict == "contradicted"
 
 
-def test_cells_of_other_robots_or_algorithms_are_not_compared(fabric):
+def test_configurations_of_other_robots_or_algorithms_are_not_compared(fabric):
     fabric.learn(NARROW)
     fabric.learn(NARROW, representation="dae12", augment=3)
     fabric.learn(NARROW, algo="ppo", representation="dae12")

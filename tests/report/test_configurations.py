@@ -1,4 +1,4 @@
-"""Tests of the grouping of runs into cells, of their variants and of notes on them."""
+"""Tests of the grouping of runs into configurations, of their variants and of notes on them."""
 
 import numpy as np
 
@@ -14,19 +14,19 @@ from jbench.store.tables import read_tables
 from tests.store.store_rows import alter_manifest
 
 
-def test_cell_groups_seeds_of_one_setting(fabric):
+def test_configuration_groups_seeds_of_one_setting(fabric):
     fabric.run([1, 2, 3], seed=4)
     fabric.run([5, 6, 7], seed=2)
-    (cell,), notes = fabric.configurations()
-    assert (cell.task, cell.algo, cell.representation) == ("face_direction", "td3", "full")
-    assert cell.seeds.tolist() == [2, 4]
-    assert cell.returns.tolist() == [[5, 6, 7], [1, 2, 3]]
-    assert cell.control_steps.tolist() == [[1000, 2000, 3000]] * 2
-    assert cell.words == ""
+    (config,), notes = fabric.configurations()
+    assert (config.task, config.algo, config.representation) == ("face_direction", "td3", "full")
+    assert config.seeds.tolist() == [2, 4]
+    assert config.returns.tolist() == [[5, 6, 7], [1, 2, 3]]
+    assert config.control_steps.tolist() == [[1000, 2000, 3000]] * 2
+    assert config.words == ""
     assert notes == []
 
 
-def test_cells_follow_order_of_paper_with_full_first(fabric):
+def test_configurations_follow_order_of_paper_with_full_first(fabric):
     ordered = [
         ("face_direction", "ddpg", "full"),
         ("face_direction", "ddpg", "dae12"),
@@ -124,32 +124,32 @@ def test_longest_run_of_seed_is_used_and_noted(fabric):
     fabric.run([3] * 5, seed=1, steps=5000)
     # This run was to be the longest but stopped early: recorded episodes count, not `steps`.
     fabric.run([4], seed=1, steps=9000, status="unfinished")
-    (cell,), _ = fabric.configurations()
-    assert cell.returns.tolist() == [[2] * 5, [3] * 5]
-    notes = [note for note in cell.notes if "longest" in note]
+    (config,), _ = fabric.configurations()
+    assert config.returns.tolist() == [[2] * 5, [3] * 5]
+    notes = [note for note in config.notes if "longest" in note]
     assert notes == [
         "seed 0 has 2 runs: the longest is used, of 5 episodes, not that of 3",
         "seed 1 has 2 runs: the longest is used, of 5 episodes, not that of 1",
     ]
-    assert not any("unfinished" in note for note in cell.notes)
+    assert not any("unfinished" in note for note in config.notes)
 
 
 def test_run_of_more_control_steps_is_used_although_it_has_fewer_episodes(fabric):
     fabric.run([1.0] * 5, steps=100, ends=[20, 40, 60, 80, 100], task="gym:Hopper-v5")
     fabric.run([2.0] * 3, steps=3000, task="gym:Hopper-v5")
-    (cell,), _ = fabric.configurations()
-    assert cell.returns.tolist() == [[2.0] * 3]
+    (config,), _ = fabric.configurations()
+    assert config.returns.tolist() == [[2.0] * 3]
 
 
 def test_failed_and_unfinished_runs_are_used_and_noted(fabric):
     fabric.run([1] * 4, seed=0)
     fabric.run([2] * 2, seed=1, status="failed", steps=4000)
     fabric.run([3] * 3, seed=2, status="unfinished", steps=4000)
-    (cell,), _ = fabric.configurations()
-    assert cell.lengths.tolist() == [4, 2, 3]
-    np.testing.assert_equal(cell.returns[1], [2, 2, np.nan, np.nan])
-    np.testing.assert_equal(cell.control_steps[2], [1000, 2000, 3000, np.nan])
-    assert cell.notes == (
+    (config,), _ = fabric.configurations()
+    assert config.lengths.tolist() == [4, 2, 3]
+    np.testing.assert_equal(config.returns[1], [2, 2, np.nan, np.nan])
+    np.testing.assert_equal(config.control_steps[2], [1000, 2000, 3000, np.nan])
+    assert config.notes == (
         "seed 1 failed after 2 episodes",
         "seed 2 unfinished after 3 episodes",
         "seeds of unequal length, 2 to 4 episodes",
@@ -161,17 +161,17 @@ def test_failed_and_unfinished_runs_are_used_and_noted(fabric):
 def test_seeds_whose_episodes_end_early_are_not_called_unequal(fabric):
     for seed, count in enumerate((4, 6)):
         fabric.run([1.0] * count, seed, steps=3000)
-    (cell,), _ = fabric.configurations()
-    assert cell.lengths.tolist() == [4, 6]
-    assert not any("unequal" in note for note in cell.notes)
+    (config,), _ = fabric.configurations()
+    assert config.lengths.tolist() == [4, 6]
+    assert not any("unequal" in note for note in config.notes)
 
 
 def test_non_finite_returns_are_noted(fabric):
     for seed, returns in enumerate(([1, np.nan, 2], [np.inf, -np.inf, 3], [4])):
         fabric.run(returns, seed=seed)
-    (cell,), _ = fabric.configurations()
-    np.testing.assert_equal(cell.returns[:2], [[1, np.nan, 2], [np.nan, np.nan, 3]])
-    assert [note for note in cell.notes if "not finite" in note] == [
+    (config,), _ = fabric.configurations()
+    np.testing.assert_equal(config.returns[:2], [[1, np.nan, 2], [np.nan, np.nan, 3]])
+    assert [note for note in config.notes if "not finite" in note] == [
         "1 return of seed 0 is not finite and left out",
         "2 returns of seed 1 are not finite and left out",
     ]
@@ -194,7 +194,7 @@ def test_variant_is_named_by_its_differences_and_alike_on_every_task(fabric):
         ("move_to_pose", "batched", 0.01),
     ):
         fabric.run([1], task=task, engine=engine, hyperparameters={"learning_rate": rate})
-    assert [(cell.task, cell.label) for cell in fabric.configurations()[0]] == [
+    assert [(config.task, config.label) for config in fabric.configurations()[0]] == [
         ("face_direction", "TD3 full, learning_rate=1e-04"),
         ("face_direction", "TD3 full, stable-baselines3, learning_rate=1e-04"),
         ("move_to_pose", "TD3 full, learning_rate=0.01"),
@@ -213,7 +213,7 @@ def test_size_that_follows_from_task_is_not_in_name(fabric):
     for task, name in (("face_direction", "scaled16"), ("move_in_direction", "scaled19")):
         fabric.run([1], task=task, representation=name)
     fabric.run([1], representation="dae12")
-    found = [cell.identity for cell in fabric.configurations()[0]]
+    found = [config.identity for config in fabric.configurations()[0]]
     assert [(one["representation"], one["kind"]) for one in found] == [
         ("dae12", "dae"),
         ("scaled", "scaled"),

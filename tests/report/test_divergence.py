@@ -21,29 +21,29 @@ def test_diverged_seed_counts_with_zero_until_end_of_others(fabric):
     fabric.run(FLAT[:12], 1, steps=40_000, diverged=12_400, evaluated={})
     fabric.run(FLAT, 2, evaluated=LAST)
     fabric.run(FLAT[:30], 3, steps=40_000, diverged=30_000, evaluated={20_000: 400.0})
-    (cell,), _ = fabric.configurations()
-    assert cell.returns[1].tolist() == [500.0] * 12 + [0.0] * 28
-    assert cell.lengths.tolist() == [40] * 4
-    assert cell.steps.tolist() == [40_000] * 4
-    assert cell.diverged.tolist() == [False, True, False, True]
-    assert seed_scores(cell).final.tolist() == [500, 0, 500, 0]
-    assert seed_scores(cell).area[1] == 500 * 12 / 40
-    assert seed_scores(cell, 12_000).final.tolist() == [500] * 4
+    (config,), _ = fabric.configurations()
+    assert config.returns[1].tolist() == [500.0] * 12 + [0.0] * 28
+    assert config.lengths.tolist() == [40] * 4
+    assert config.steps.tolist() == [40_000] * 4
+    assert config.diverged.tolist() == [False, True, False, True]
+    assert seed_scores(config).final.tolist() == [500, 0, 500, 0]
+    assert seed_scores(config).area[1] == 500 * 12 / 40
+    assert seed_scores(config, 12_000).final.tolist() == [500] * 4
     (curve,) = fabric.curves(window=1)
     assert curve.quantile(50)[-1] == 250  # of 0, 0, 500 and 500
     assert (curve.seeds, len(curve.control_steps)) == (4, 40)
-    (cell,), _ = fabric.configurations(EVALUATION)
-    assert cell.returns.tolist() == [[400, 600], [0, 0], [400, 600], [400, 0]]
+    (config,), _ = fabric.configurations(EVALUATION)
+    assert config.returns.tolist() == [[400, 600], [0, 0], [400, 600], [400, 0]]
 
 
-def test_cell_whose_seeds_all_diverged_counts_until_requested_steps(fabric):
+def test_configuration_whose_seeds_all_diverged_counts_until_requested_steps(fabric):
     fabric.run(FLAT[:10], 0, steps=40_000, diverged=10_300)
     fabric.run([], 1, steps=40_000, diverged=200)
-    (cell,), notes = fabric.configurations()
+    (config,), notes = fabric.configurations()
     assert notes == []
-    assert cell.returns.tolist() == [[500.0] * 10 + [0.0] * 30, [0.0] * 40]
-    assert cell.control_steps[1, -1] == 40_000
-    assert seed_scores(cell).final.tolist() == [0, 0]
+    assert config.returns.tolist() == [[500.0] * 10 + [0.0] * 30, [0.0] * 40]
+    assert config.control_steps[1, -1] == 40_000
+    assert seed_scores(config).final.tolist() == [0, 0]
 
 
 def test_seeds_diverged_before_first_evaluation_have_zero_evaluations(fabric):
@@ -51,10 +51,10 @@ def test_seeds_diverged_before_first_evaluation_have_zero_evaluations(fabric):
         more = {"steps": 40_000, "diverged": 1100, "evaluate_episodes": 5}
         fabric.run(FLAT[:1], seed, **more)
         fabric.run(FLAT[:1], seed, **{**more, "evaluate_episodes": 0}, algo="sac")
-    (cell,), _ = fabric.configurations(EVALUATION)
-    assert cell.algo == "td3"
-    assert seed_scores(cell).final.tolist() == [0, 0, 0]
-    assert cell.control_steps.tolist() == [[40_000]] * 3
+    (config,), _ = fabric.configurations(EVALUATION)
+    assert config.algo == "td3"
+    assert seed_scores(config).final.tolist() == [0, 0, 0]
+    assert config.control_steps.tolist() == [[40_000]] * 3
 
 
 def test_frames_count_diverged_seeds_and_note_their_treatment(fabric):
@@ -85,12 +85,12 @@ def test_diverged_run_counts_with_its_lowest_return_where_returns_are_negative(f
     fabric.run(costs, 0, evaluated={40_000: -150.0}, **task)
     costs = [-900.0, -1200.0, np.nan]
     bad = fabric.run(costs, 1, steps=40_000, diverged=3000, evaluated={}, **task)
-    (cell,), _ = fabric.configurations()
-    assert cell.returns[1, 3:].tolist() == [-1200.0] * 37
-    (note,) = [note for note in cell.notes if "diverged" in note]
+    (config,), _ = fabric.configurations()
+    assert config.returns[1, 3:].tolist() == [-1200.0] * 37
+    (note,) = [note for note in config.notes if "diverged" in note]
     assert note.endswith("from its divergence on, a seed counts with its lowest training return")
-    (cell,), _ = fabric.configurations(EVALUATION)
-    assert cell.returns.tolist() == [[-150.0], [-1200.0]]
+    (config,), _ = fabric.configurations(EVALUATION)
+    assert config.returns.tolist() == [[-150.0], [-1200.0]]
 
     opened = jbench.open(fabric.results.path)
     rows = opened.query("SELECT * FROM final_returns").set_index("run")
@@ -173,11 +173,11 @@ def test_diverged_seed_with_more_and_shorter_episodes_counts_until_the_end(fabri
     fabric.run(np.full(40, 100.0), 0, task="gym:Hopper-v5")
     ends = 20 * np.arange(1, 101)
     fabric.run(np.full(100, 20.0), 1, task="gym:Hopper-v5", steps=40_000, ends=ends, diverged=2000)
-    (cell,), _ = fabric.configurations()
-    assert cell.last_step == 40_000
+    (config,), _ = fabric.configurations()
+    assert config.last_step == 40_000
     # Its curve is 20 up to control step 2,000, and then 0.
-    assert seed_scores(cell).area[1] == pytest.approx(20 * 1000 / 39_000, rel=0.05)
-    (note,) = [note for note in cell.notes if "diverged" in note]
+    assert seed_scores(config).area[1] == pytest.approx(20 * 1000 / 39_000, rel=0.05)
+    (note,) = [note for note in config.notes if "diverged" in note]
     assert note.endswith("counts with return 0, which is lower than its returns")
 
 
@@ -185,8 +185,8 @@ def test_note_says_of_each_seed_what_it_counts_with(fabric):
     task = {"task": "gym:Pendulum-v1", "steps": 40_000}
     fabric.run([-900.0, -1200.0], 0, diverged=2000, **task)
     fabric.run([5.0, 3.0], 1, diverged=2000, **task)
-    (cell,), _ = fabric.configurations()
-    (note,) = [note for note in cell.notes if "diverged" in note]
+    (config,), _ = fabric.configurations()
+    (note,) = [note for note in config.notes if "diverged" in note]
     assert note.endswith(
         "a seed counts with its lowest training return (seed 1: 0, which is lower)"
     )
@@ -195,8 +195,8 @@ def test_note_says_of_each_seed_what_it_counts_with(fabric):
 def test_run_without_any_return_is_named_and_left_out(fabric):
     fabric.run(-FLAT, 0, task="gym:Pendulum-v1")
     bad = fabric.run([], 1, steps=40_000, diverged=10, task="gym:Pendulum-v1")
-    (cell,), notes = fabric.configurations()
-    assert cell.seeds.tolist() == [0]
+    (config,), notes = fabric.configurations()
+    assert config.seeds.tolist() == [0]
     assert notes == [
         f"The run {bad.id} diverged before its first episode ended, so it has no return; it is "
         "left out, and its configuration looks better than it is."
@@ -206,6 +206,6 @@ def test_run_without_any_return_is_named_and_left_out(fabric):
 def test_invalid_divergence_entry_is_tolerated(fabric):
     for seed, printed in enumerate(("x", -1, [2], True, 1 << 80)):
         fabric.run(FLAT, seed, diverged=printed)
-    (cell,), _ = fabric.configurations()
-    assert cell.diverged.all()
-    assert np.isfinite(cell.returns).all()
+    (config,), _ = fabric.configurations()
+    assert config.diverged.all()
+    assert np.isfinite(config.returns).all()

@@ -74,7 +74,7 @@ def test_notes_count_only_imports_that_pass_filters(imported):
     ]
 
 
-def test_training_and_evaluation_of_label_are_one_cell(tmp_path):
+def test_training_and_evaluation_of_label_are_one_configuration(tmp_path):
     path = tmp_path / "imported"
     add(path, "fast", RETURNS["fast"])
     add(path, "fast", {0: 900, 1: 910}, "--returns", "evaluation")

@@ -92,8 +92,8 @@ def test_command_ranks_runs_of_directories(directories, capsys):
     assert {one["entry"] for one in entries} == {str(directories), "reference", "published"}
     ranked = {(one["entry"], one["algo"]): one["rank"] for one in entries if one["rank"]}
     assert ranked[str(directories), "TD3"] == 1
-    # Of the shipped cells of six or more seeds above SAC, DDPG on raw begins a rank at place 16.
-    # Its interval is so wide (212 to 850) that SAC shares this rank.
+    # Of the shipped configurations of six or more seeds above SAC, DDPG on raw begins a rank at
+    # place 16. Its interval is so wide (212 to 850) that SAC shares this rank.
     assert ranked[str(directories), "SAC"] == 16
 
 

@@ -1,4 +1,4 @@
-"""Tests of evaluation and training returns: cells, curves, statistics, claims and files of both."""
+"""Tests of evaluation and training returns: their curves, statistics, claims and files."""
 
 import numpy as np
 import pytest
@@ -25,30 +25,30 @@ def evaluated(last):
 def test_point_is_evaluation_at_its_control_steps(fabric):
     for seed in range(3):
         fabric.run(FLAT, seed, evaluated=evaluated(900.0 + 10 * seed))
-    (cell,), _ = fabric.configurations(EVALUATION)
-    assert cell.control_steps.tolist() == [[*RISING]] * 3
+    (config,), _ = fabric.configurations(EVALUATION)
+    assert config.control_steps.tolist() == [[*RISING]] * 3
     # Each evaluation has two episodes, 5 above and 5 below its mean.
-    assert cell.returns[:, 0].tolist() == [100, 100, 100]
-    assert seed_scores(cell).final.tolist() == [900, 910, 920]
-    assert seed_scores(cell).area[0] == (100 + 300 + 600 + 900) / 4
+    assert config.returns[:, 0].tolist() == [100, 100, 100]
+    assert seed_scores(config).final.tolist() == [900, 910, 920]
+    assert seed_scores(config).area[0] == (100 + 300 + 600 + 900) / 4
     (curve,) = fabric.curves(kind=EVALUATION)
     assert curve.control_steps.tolist() == [*RISING]
     assert curve.quantile(50).tolist() == [100, 300, 600, 910]
     (training,), _ = fabric.configurations(TRAINING)
     assert seed_scores(training).final.tolist() == [500] * 3
-    assert training.runs == cell.runs
+    assert training.runs == config.runs
 
 
 def test_seeds_are_aligned_by_control_steps(fabric):
     fabric.run(FLAT, 0, evaluated={10_000: 1.0, 30_000: 3.0})
     fabric.run(FLAT, 1, evaluated={20_000: 20.0, 30_000: 30.0})
     fabric.run(FLAT, 2)
-    (cell,), _ = fabric.configurations(EVALUATION)
-    assert cell.seeds.tolist() == [0, 1]
-    np.testing.assert_equal(cell.returns, [[1, np.nan, 3], [np.nan, 20, 30]])
-    assert seed_scores(cell).final.tolist() == [3, 30]
-    assert seed_scores(cell, 25_000).final.tolist() == [1, 20]
-    assert cell.notes == (
+    (config,), _ = fabric.configurations(EVALUATION)
+    assert config.seeds.tolist() == [0, 1]
+    np.testing.assert_equal(config.returns, [[1, np.nan, 3], [np.nan, 20, 30]])
+    assert seed_scores(config).final.tolist() == [3, 30]
+    assert seed_scores(config, 25_000).final.tolist() == [1, 20]
+    assert config.notes == (
         "1 of 3 seeds have no evaluation",
         "its seeds were logged at different control steps: the curve of evaluation returns of each "
         "is interpolated linearly between its own points",
@@ -80,8 +80,8 @@ def last_returns(fabric, record):
     (opened,) = jbench.open(fabric.results.path).runs()["evaluation_return"]
     (reported,) = seeds.loc[seeds["returns"] == "evaluation", "final"]
     side = sources.side("algo=td3", fabric.results, Request())
-    (cell,) = (cell for cell in side.configurations if cell.returns_name == EVALUATION)
-    (beside,) = seed_scores(cell).final
+    (config,) = (config for config in side.configurations if config.returns_name == EVALUATION)
+    (beside,) = seed_scores(config).final
     compared = recorded_return(record, added=added.get(record.id, ()))
     return [opened, reported, beside, line.evaluation_return, compared]
 
@@ -97,7 +97,7 @@ def test_damaged_evaluation_is_named_and_leaves_the_runs_own_episodes(fabric):
     assert str(file.parent) in problem
 
 
-def test_cells_are_compared_at_last_common_step(fabric):
+def test_configurations_are_compared_at_last_common_step(fabric):
     for seed in range(3):
         fabric.run(FLAT, seed, evaluated=evaluated(950.0))
         short = {10_000: 150.0, 20_000: 350.0}

@@ -1,4 +1,4 @@
-"""Tests of the statistics and comparisons of cells against hand-computed numbers."""
+"""Tests of the statistics and comparisons of configurations against hand-computed numbers."""
 
 import math
 
@@ -19,8 +19,8 @@ from jbench.store.tables import published_rows
 
 
 def summarized(fabric, window=4, kind=TRAINING):
-    cells = fabric.configurations(kind)[0]
-    curves = [(cell, cell.curve(window=window)) for cell in cells]
+    configurations = fabric.configurations(kind)[0]
+    curves = [(config, config.curve(window=window)) for config in configurations]
     return configuration_frame(curves, read_published(published_rows())).to_dict("records")
 
 
@@ -57,10 +57,10 @@ def test_seeds_that_never_reach_return_count_as_infinite(fabric):
 def test_nan_returns_are_left_out_of_means_and_counts(fabric):
     fabric.run([np.nan, 200.0, 400.0, 600.0, 200.0, 400.0, np.nan, 600.0], 0)
     fabric.run([100.0] * 6 + [np.nan] * 2, 1)
-    (cell,) = fabric.configurations()[0]
+    (config,) = fabric.configurations()[0]
     # The last quarter of seed 1 is NaN. Both have returns from 2,000 to 6,000 control steps, where
     # the lines between those of seed 0 have the means 300, 500, 400 and 300.
-    found = seed_scores(cell, 8000)
+    found = seed_scores(config, 8000)
     assert (found.final.tolist(), found.area.tolist()) == ([600.0], [pytest.approx(375, abs=0.2)])
     assert found.known.tolist() == [True, False]
 

@@ -12,9 +12,9 @@ RETURNS = np.repeat([100.0, 300.0], 80)
 def test_windows_never_span_change_of_robots(fabric):
     for seed in range(3):
         fabric.run(RETURNS + seed, seed, **SAC)
-    (cell,), _ = fabric.configurations()
-    assert (cell.robots, cell.robot_episodes) == (2, 80)
-    curve = cell.curve()
+    (config,), _ = fabric.configurations()
+    assert (config.robots, config.robot_episodes) == (2, 80)
+    curve = config.curve()
     # Each robot's 80 episodes have 61 full windows of 20, and 10 truncated ones at each end; the
     # median of seeds 0, 1 and 2 adds 1.
     assert curve.window == 20
@@ -26,9 +26,9 @@ def test_windows_never_span_change_of_robots(fabric):
 
 def test_run_on_first_robot_uses_planned_changes(fabric):
     fabric.run(RETURNS[:40], 0, status="unfinished", steps=160_000, **SAC)
-    (cell,), _ = fabric.configurations()
-    assert cell.robot_episodes == 80
-    assert cell.curve("smooth-first").quantile(50).tolist() == [100.0] * 41
+    (config,), _ = fabric.configurations()
+    assert config.robot_episodes == 80
+    assert config.curve("smooth-first").quantile(50).tolist() == [100.0] * 41
 
 
 def test_sequences_stand_beside_the_authors_and_apart_from_single_robots(fabric):

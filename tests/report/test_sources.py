@@ -286,7 +286,7 @@ class TestCompare:
 
 
 class TestReference:
-    def test_shipped_runs_are_separate_cells(self, fabric, tmp_path):
+    def test_shipped_runs_are_separate_configurations(self, fabric, tmp_path):
         shipped = type(fabric)(tmp_path / "reference")
         fabric.flat([500] * 2)
         shipped.flat([500] * 2)

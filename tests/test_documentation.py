@@ -216,11 +216,11 @@ def test_readme_and_report_cite_paper(demo_results):
 
 def test_citation_file_cites_paper():
     cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())
-    for work in cited["references"]:
-        names = [f"{author['given-names']} {author['family-names']}" for author in work["authors"]]
-        assert tuple(names) == paper.AUTHORS
-        assert (work["title"], work["year"]) == (paper.TITLE, paper.YEAR)
-        assert work["collection-title"] == paper.VENUE
+    (work,) = cited["references"]
+    names = [f"{author['given-names']} {author['family-names']}" for author in work["authors"]]
+    assert tuple(names) == paper.AUTHORS
+    assert (work["title"], work["year"]) == (paper.TITLE, paper.YEAR)
+    assert work["collection-title"] == paper.VENUE
 
 
 def test_citation_file_names_newest_release():

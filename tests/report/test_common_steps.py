@@ -97,8 +97,10 @@ def test_training_returns_of_single_seeds_are_their_bins(tmp_path):
         steps = steps[steps < 400_000]
         logged.append([(step, step / 1000 + random.normal(0, 30)) for step in steps])
     curve = found(write(tmp_path / "c.csv", logged), returns="training").curves
-    for step, median in curve[["steps", "median"]].to_numpy()[50:-50:500]:
-        assert median == pytest.approx(step / 1000, abs=12)
+    # The noise of an episode has a standard deviation of 30, that of the median of means about 4.
+    followed = curve.iloc[50:-50]
+    assert len(followed) > 1000
+    np.testing.assert_allclose(followed["median"], followed["steps"] / 1000, rtol=0, atol=12)
 
 
 def test_seeds_without_a_common_step_have_no_curve(tmp_path):

@@ -56,6 +56,7 @@ def test_report_is_page_list_and_two_folders(filled, out, monkeypatch):
 def test_same_results_give_identical_files(filled, tmp_path):
     first = write_report(filled, tmp_path / "a", SVG).files
     second = write_report(filled, tmp_path / "b", SVG).files
+    assert first
     for one, other in zip(first, second, strict=True):
         assert one.read_bytes() == other.read_bytes(), one.name
 

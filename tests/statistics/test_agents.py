@@ -73,6 +73,7 @@ def test_difference_is_found_and_equal_agents_are_not_different():
     random = np.random.default_rng(3)
     steady, varying = (agents_from(draw(random, 20, 100, s, 100)) for s in (20, 100))
     estimated = deviation_difference(varying, steady)
+    # The estimate of a deviation of 100 by 20 agents varies by 100 / sqrt(38) = 16 (one sd).
     assert estimated.value == pytest.approx(80, abs=40)
     assert 0 < estimated.low < estimated.value < estimated.high
     wider = deviation_difference(varying, steady, confidence=0.999)

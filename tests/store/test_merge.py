@@ -17,7 +17,14 @@ from jbench.store.merge import merge
 from jbench.store.schema import TIMES
 from jbench.store.verify import verify
 from tests.store.store_faults import Script
-from tests.store.store_rows import RUN_SETTINGS, alter_manifest, episodes, manifest_of
+from tests.store.store_rows import (
+    RUN_SETTINGS,
+    alter_manifest,
+    episodes,
+    listed,
+    manifest_of,
+    names,
+)
 from tests.store.store_whole import add, add_chain, add_whole_run, snapshot
 from tests.store.test_damage import truncate
 
@@ -81,6 +88,22 @@ def test_runs_that_differ_only_in_file_layout_and_paths_are_same(results, other)
     theirs.finish({}, {"policy.json": b"{}"}, join=False)
     assert len(theirs.parts("episodes")) == 2
     assert outcomes(results, other) == {mine.id: "same"}
+
+
+@pytest.mark.parametrize("is_source_split", [True, False])
+def test_rows_of_later_files_are_compared_whatever_the_layout(
+    results, other, is_source_split, tmp_path
+):
+    whole, split = (results, other) if is_source_split else (other, results)
+    run = add_timed(whole, [1.0, 2.0, 3.0], 3.0)
+    rows = add_timed(Results(tmp_path / "changed"), [1.0, 2.0, 2.5], 3.0).read("episodes")
+    changed = split.create("run", run.id, run.settings)
+    for first, count in ((0, 1), (1, 2)):
+        changed.append({"episodes": rows.slice(first, count)})
+    changed.finish({}, {"policy.json": b"{}"}, join=False)
+    assert len(changed.parts("episodes")) == 2
+    (one,) = merge(results, [other])
+    assert (one.outcome, "episode_return of episodes" in one.reason) == ("refused", True)
 
 
 def test_nan_equals_nan_and_differs_from_null(results, other):
@@ -247,6 +270,39 @@ def test_longer_of_two_unfinished_runs_is_kept(results, other):
     assert returns_of(results, mine.id) == returns_of(other, theirs.id) == [1.0, 2.0, 3.0]
 
 
+def add_evaluated(results, episode_count, evaluation_count):
+    """An unfinished run with as many episodes, and evaluations of one episode each."""
+    evaluations = [
+        {"run": "r", "evaluation": number, "control_steps": 1000 * (number + 1)}
+        for number in range(evaluation_count)
+    ]
+    tables = {
+        "episodes": lambda id: episodes(id, [1.0] * episode_count),
+        "evaluations": lambda id: pa.Table.from_pylist(evaluations, schema.EVALUATIONS),
+    }
+    return add(results, "run", "face_direction/ddpg/full", RUN_SETTINGS, tables, finish=False)
+
+
+@pytest.mark.parametrize(
+    ("mine", "theirs", "outcome"),
+    [
+        ((3, 1), (2, 1), "kept"),
+        ((2, 1), (3, 1), "replaced"),
+        ((2, 2), (2, 1), "kept"),
+        ((3, 1), (2, 2), "refused"),
+    ],
+)
+def test_unfinished_run_with_more_rows_of_one_table_is_kept(results, other, mine, theirs, outcome):
+    run = add_evaluated(results, *mine)
+    add_evaluated(other, *theirs)
+    (one,) = merge(results, [other])
+    assert one.outcome == outcome
+    assert ("(each has rows that the other has not)" in one.reason) == (outcome == "refused")
+    expected = theirs if outcome == "replaced" else mine
+    kept = results.find("run", run.id)
+    assert (kept.rows("episodes"), kept.rows("evaluations")) == expected
+
+
 def test_record_with_invalid_manifest_or_wrong_id_is_refused(results, other):
     broken, newer, renamed, cut = (add_whole_run(other, seed=seed) for seed in range(4))
     truncate(cut.path / "policy.json")
@@ -283,6 +339,14 @@ def test_run_of_source_whose_files_are_joined_meanwhile_is_copied(results, other
     assert outcomes(results, other) == {run.id: "copied"}
     assert results.find("run", run.id).status == "finished"
     assert verify(results, 1).findings == []
+
+
+def test_file_of_a_source_that_no_manifest_lists_is_not_copied(results, other):
+    run = add_whole_run(other)
+    (run.path / "stray.json").write_bytes(b"left by a kill")
+    assert outcomes(results, other) == {run.id: "copied"}
+    merged = results.find("run", run.id)
+    assert names(merged.path) == {*listed(merged), "manifest.json", "lock"}
 
 
 def test_source_without_results_or_equal_to_target_is_refused(tmp_path, results):

@@ -97,6 +97,8 @@ def cost(algo: str, rounds: int, control_steps: int) -> None:
             for _ in range(measured):
                 next(steps)
             training = (time.perf_counter() - clock) * EPISODE_STEPS / measured
+            if isinstance(engine, OffPolicyEngine):
+                add_rows(engine, SEEDS, EPISODE_STEPS - measured)  # those of the whole episode
             clock = time.perf_counter()
             for index, (record, log) in enumerate(begun):
                 log.episode(number, 500.0, engine.losses(index), EPISODE_STEPS)
@@ -112,22 +114,29 @@ def cost(algo: str, rounds: int, control_steps: int) -> None:
     )
 
 
+def add_rows(engine: OffPolicyEngine, seeds: int, count: int) -> None:
+    """Adds random transitions to the replay buffer of each seed, in place of an episode's end."""
+    random = np.random.default_rng(0)
+    observations = torch.zeros(seeds, 1, engine.environments.size)
+    for _ in range(count):
+        engine.replay.flush()
+        actions = random.random((seeds, 1, 1))
+        rewards = random.random((seeds, 1))
+        engine.replay.add(actions, rewards, observations)
+    engine.replay.begin(observations)
+
+
 def volume(algo: str, control_steps: int) -> None:
     """Prints what the checkpoints of training write, with one per episode."""
     run = settings_of(algo, 0)
     written = Written()
     with tempfile.TemporaryDirectory() as folder, make_trainer([run], [None], "cpu") as engine:
         record, log = begin(Path(folder), run)
-        most, random = 0, np.random.default_rng(0)
+        most = 0
         for number in range(1, control_steps // EPISODE_STEPS + 1):
             engine.control_steps = number * EPISODE_STEPS
             if isinstance(engine, OffPolicyEngine):
-                for step in range(EPISODE_STEPS):
-                    if step % 50 == 0:
-                        engine.replay.flush()
-                    numbers = random.random((1, 1)), random.random((1, 1))
-                    engine.replay.add(*numbers, torch.zeros(1, 1, 16))
-                engine.replay.begin(torch.zeros(1, 1, 16))
+                add_rows(engine, 1, EPISODE_STEPS)
             log.episode(engine.control_steps, 500.0, {}, EPISODE_STEPS)
             save(record, log, engine, 0)
             most = max(most, len(record.manifest.files))

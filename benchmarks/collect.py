@@ -200,7 +200,7 @@ def peak_memory(steps: int, threads: int) -> tuple[float, float]:
         process.returncode = os.waitstatus_to_exitcode(status)
         if process.returncode:
             raise SystemExit(f"jbench {' '.join(command)} ended with {process.returncode}")
-        return usage.ru_maxrss / 1000, time.perf_counter() - began
+        return usage.ru_maxrss * 1024 / 1e6, time.perf_counter() - began
 
 
 def main() -> None:

@@ -144,8 +144,10 @@ def compare(rows: int, rounds: int, device: torch.device) -> None:
     rates = best_rates(loops, len(flat), rounds)
     print(f"{len(flat):,} rows of {SIZE} features, {device.type}, best of {rounds} rounds")
     for name, rate in rates.items():
-        hours = PUBLISHED_ROWS * PUBLISHED_EPOCHS / rate
-        print(f"{name:26} {rate / 1e6:8.3f} million rows/s   200 epochs of 4M rows: {hours:7.0f} s")
+        seconds = PUBLISHED_ROWS * PUBLISHED_EPOCHS / rate
+        print(
+            f"{name:26} {rate / 1e6:8.3f} million rows/s   200 epochs of 4M rows: {seconds:7.0f} s"
+        )
     for other in ("DataLoader", "plain loop"):
         usual = max(rate for name, rate in rates.items() if name.startswith(other))
         print(f"dae against the better {other}: {rates['ours: dae'] / usual:.1f} times")
@@ -160,7 +162,7 @@ def whole(epochs: int, episodes: int, device: str) -> None:
         began = time.perf_counter()
         subprocess.run([sys.executable, "-m", "jbench", *command], check=True)
         wall = time.perf_counter() - began
-        memory = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1e6
+        memory = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * 1024 / 1e9
         rows = 4 * episodes // 5 * STATES  # one episode of five is held out
         print(f"{epochs} epochs of {rows:,} rows: {wall:.1f} s, at most {memory:.2f} GB")
 

@@ -5,7 +5,7 @@ In this order, within 20 minutes:
 1. the tests of `tests/agents/test_gpu.py` and `test_captured_regions.py`;
 2. updates per second without robots, of 10, 40 and 100 seeds in one stack;
 3. whole training of 10 and 40 seeds in one stack with 1 and 8 environments each, and what takes the
-   time;
+   time: of whole rollouts, since TD3 and PPO make many updates at the end of one;
 4. a profile of the kernels of DDPG's update.
 
 The results are rows of Markdown, printed and written to --out. `--device cpu --small` runs all
@@ -32,7 +32,7 @@ from jbench.agents.environments import Environments
 from jbench.cores import cores
 from jbench.devices import find_device
 from jbench.errors import RequestError
-from jbench.settings.algorithms import ALGORITHMS, algorithm_settings
+from jbench.settings.algorithms import ALGORITHMS, AlgorithmSettings, algorithm_settings
 from jbench.store.provenance import device_provenance, processor
 from jbench.timing import measured
 
@@ -57,7 +57,7 @@ class Size(NamedTuple):
         trained: numbers of seeds of whole training.
         environments: numbers of robots of each of them.
         warm_up: control steps of each seed before whole training is measured.
-        seconds: of whole training.
+        seconds: of whole training, at least.
         tests: arguments of pytest.
         overrides: changed settings of each algorithm.
     """
@@ -118,6 +118,14 @@ class Report:
         self.row(*["---"] * len(columns))
 
 
+def settings_of(algo: str, size: Size) -> AlgorithmSettings:
+    """Returns the settings of an algorithm."""
+    overrides = dict(size.overrides.get(algo, {}))
+    if algo != "ppo":
+        overrides["buffer_size"] = size.transitions
+    return algorithm_settings(algo, overrides=overrides)
+
+
 def engine_of(
     algo: str,
     size: Size,
@@ -127,10 +135,7 @@ def engine_of(
     environments: int | None = None,
 ) -> Engine:
     """Returns untrained agents in one stack."""
-    overrides = dict(size.overrides.get(algo, {}))
-    if algo != "ppo":
-        overrides["buffer_size"] = size.transitions
-    settings = algorithm_settings(algo, overrides=overrides)
+    settings = settings_of(algo, size)
     count = environments or getattr(settings, "n_envs", 1)
     threads = cores() if device.type == "cuda" else 1
     robots = Environments(TASK, range(seeds), count, threads=threads)
@@ -198,13 +203,16 @@ def report_training(size: Size, device: torch.device, report: Report) -> None:
     for algo, seeds, environments in product(ALGORITHMS, size.trained, size.environments):
         with engine_of(algo, size, seeds, device, environments=environments) as engine:
             steps = engine.learn(10**12)
-            while engine.control_steps < size.warm_up:
+            rollout = settings_of(algo, size).rollout(environments)
+            while engine.control_steps < size.warm_up or engine.control_steps % rollout:
                 next(steps)
             first = engine.control_steps
             with measured() as seconds:
                 began = time.perf_counter()
-                while (took := time.perf_counter() - began) < size.seconds:
+                end = began + size.seconds
+                while time.perf_counter() < end or engine.control_steps % rollout:
                     next(steps)
+                took = time.perf_counter() - began
             rate = seeds * (engine.control_steps - first) / took
         parts = ", ".join(f"{name} {spent / took:.0%}" for name, spent in seconds.items())
         report.row(algo, seeds, environments, f"{rate:,.0f}", parts)

@@ -41,7 +41,8 @@ def main() -> None:
     found = states()
     print("MuJoCo", mujoco.__version__)
     if not file.exists():
-        np.save(file, found)
+        with file.open("wb") as opened:  # np.save adds .npy to a path
+            np.save(opened, found)
         return
     difference = np.abs(found - np.load(file)).max(axis=0)
     for step in SHOWN:

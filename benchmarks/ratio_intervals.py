@@ -1,8 +1,10 @@
-"""How often intervals of equal cells exclude "no difference": python benchmarks/ratio_intervals.py.
+"""How often intervals of equal configurations exclude "no difference".
 
-Simulates comparisons of two cells of ten seeds with the same distribution of returns, and counts
-how often the 95% bootstrap interval of a report excludes the truth: a ratio of standard deviations
-of 1, a difference of interquartile means of 0. The nominal rate is 5%.
+    python benchmarks/ratio_intervals.py
+
+Simulates comparisons of two configurations of ten seeds with the same distribution of returns, and
+counts how often the 95% bootstrap interval of a report excludes the truth: a ratio of standard
+deviations of 1, a difference of interquartile means of 0. The nominal rate is 5%.
 """
 
 import argparse
@@ -21,7 +23,7 @@ def draw(kind: str, random: np.random.Generator) -> np.ndarray:
 
 def main() -> None:
     """Prints the rate of wrong intervals for each distribution."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--comparisons", type=int, default=4000)
     comparisons = parser.parse_args().comparisons
     statistics = [st.ratio(st.standard_deviation), st.difference(st.interquartile_mean)]

@@ -4,9 +4,8 @@ Makes results of 200 and of 2,000 runs of 5,000 episodes (five tasks, four algor
 seeds, or with --variants also settings) and writes their report, each time in a process of its own.
 Prints seconds and peak memory of the whole command, its start included, the median of several
 rounds that alternate between the sizes, and with --beside between this version and another checkout
-of jbench; how many times as long a run takes in the larger results; how long the page alone takes,
-as `--watch` writes it; and where the time goes. The limits: 200 runs in 8 s with all files and in
-3 s for the page, on two idle cores. It writes and removes about 0.5 GB.
+of jbench; how long the page alone takes, as `--watch` writes it; and with --profile where the time
+goes. It writes and removes about 0.5 GB.
 """
 
 import argparse
@@ -30,14 +29,12 @@ from jbench.settings.base import settings_hash
 from jbench.store import Record, Results
 
 MEASURED = """
-import resource, sys, time
+import resource, sys
 from jbench.cli import main
-began = time.perf_counter()
 code = main(sys.argv[1:])
-seconds = time.perf_counter() - began
 used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
 processor = sum(one.ru_utime + one.ru_stime for one in used)
-print(code, seconds, processor, max(one.ru_maxrss for one in used), file=sys.stderr)
+print(code, processor, max(one.ru_maxrss for one in used), file=sys.stderr)
 """
 
 
@@ -83,12 +80,14 @@ def measure(path: Path, root: Path, *options: str) -> Measure:
     """Writes a report by a checkout of jbench, in a process of its own."""
     command = [sys.executable, "-P", "-c", MEASURED, "report", "--results", str(path), *options]
     environment = {**os.environ, "PYTHONPATH": str(root)}
+    began = time.perf_counter()
     done = subprocess.run(command, capture_output=True, text=True, env=environment)
+    seconds = time.perf_counter() - began
     code, *numbers = done.stderr.splitlines()[-1].split()
     if code != "0":
         raise SystemExit(done.stderr)
-    seconds, processor, kilobytes = map(float, numbers)
-    return Measure(seconds, processor, kilobytes / 1e3)
+    processor, kibibytes = map(float, numbers)
+    return Measure(seconds, processor, kibibytes * 1024 / 1e6)
 
 
 def page(path: Path, rounds: int) -> list[float]:

@@ -189,10 +189,11 @@ def tune(args: argparse.Namespace) -> dict[str, float]:
     start = constants(heuristics.LAWS[args.task]())
     names = [name for name in start if not args.constants or name in args.constants]
     first = np.array([start[name] for name in names])
+    mean = first
     search = Search(len(names), np.random.default_rng(args.seed))
     for generation in range(args.candidates // POPULATION):
         drawn = first + SPREAD * np.abs(first) * search.draw()
-        seed = FIRST_TUNING_SEED + (1000 * args.seed + generation) * args.episodes
+        seed = first_tuning_seed(args) + generation * args.episodes
         seeds = np.tile(np.arange(seed, seed + args.episodes), POPULATION)
         per_robot = dict(zip(names, np.repeat(drawn, args.episodes, axis=0).T, strict=True))
         policy = with_constants(args.task, {**start, **per_robot})
@@ -202,7 +203,12 @@ def tune(args: argparse.Namespace) -> dict[str, float]:
         mean = first + SPREAD * np.abs(first) * search.mean
         found = " ".join(f"{n}={v:.4g}" for n, v in zip(names, mean, strict=True))
         print(f"{generation}: mean {score.mean():.0f} best {score.max():.0f}: {found}", flush=True)
-    return {**start, **dict(zip(names, mean.tolist() if args.candidates else first, strict=True))}
+    return {**start, **dict(zip(names, mean.tolist(), strict=True))}
+
+
+def first_tuning_seed(args: argparse.Namespace) -> int:
+    """Returns the seed of the search's first episode; each generation has further ones."""
+    return FIRST_TUNING_SEED + 1000 * args.seed * args.episodes
 
 
 def summary(earned: Array) -> str:
@@ -227,9 +233,11 @@ def main() -> None:
     for name, value in best.items():
         print(f"    {name} = {value:.4g}")
     policy = with_constants(args.task, best)
-    tuning = range(FIRST_TUNING_SEED, FIRST_TUNING_SEED + args.held_out)
-    if args.candidates:
-        print(f"{args.task}: tuning {summary(returns(policy, tuning))}", flush=True)
+    generations = args.candidates // POPULATION
+    tuning = range(min(args.held_out, generations * args.episodes))
+    if tuning:
+        seeds = [first_tuning_seed(args) + number for number in tuning]
+        print(f"{args.task}: tuning {summary(returns(policy, seeds))}", flush=True)
     print(f"{args.task}: held out {summary(returns(policy, range(args.held_out)))}")
 
 

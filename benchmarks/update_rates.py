@@ -112,14 +112,16 @@ def cpu_rows(bursts: int = BURSTS, updates: int = UPDATES) -> None:
     """Prints the rows of one core while a second process keeps the other core busy."""
     torch.set_num_threads(1)
     with subprocess.Popen([sys.executable, __file__, "--busy"]) as other:
-        for precision in ("float32", "bfloat16"):
-            update, alone, part = fraction_of_products(5, precision, bursts, updates)
-            print(
-                f"DDPG's update in {precision}: {update * 1e3:.2f} ms per core, its products alone "
-                f"in float32 {alone * 1e3:.2f} ms: {part:.2f} of the rate of products",
-                flush=True,
-            )
-        other.kill()
+        try:
+            for precision in ("float32", "bfloat16"):
+                update, alone, part = fraction_of_products(5, precision, bursts, updates)
+                print(
+                    f"DDPG's update in {precision}: {update * 1e3:.2f} ms per core, its products "
+                    f"alone in float32 {alone * 1e3:.2f} ms: {part:.2f} of the rate of products",
+                    flush=True,
+                )
+        finally:
+            other.kill()
 
 
 def main() -> None:

@@ -39,6 +39,11 @@ def runs(
         help="Show final returns, of training and of the last evaluation; quote the latter.",
     ),
     failed: bool = Option(False, "--failed", help="List the runs that failed, with their errors."),
+    policies: bool = Option(
+        False,
+        "--policies",
+        help="Only runs whose policy was saved; evaluate, render and export take it.",
+    ),
     imports: bool = Option(False, "--imports", help="List imported learning curves, not runs."),
     results: Path = options.READ_RESULTS,
     json: bool = options.JSON,
@@ -54,6 +59,9 @@ def runs(
     if failed and status not in (None, "failed"):
         raise RequestError(f"--failed and --status {status} exclude each other; type one of them.")
 
+    if policies and imports:
+        raise RequestError("--imports and --policies exclude each other: imports have no policy.")
+
     if failed:
         status = "failed"
     kind: _Listed = "run"
@@ -61,6 +69,8 @@ def runs(
         kind = "import"
 
     filters = parsing.run_filters(database, seed, status, **typed)
+    if policies:
+        filters["has_policy"] = [True]
     lines, problems = list_runs(database, filters, returns, kind)
     rows = [_cells(line, kind) for line in lines]
     if all(line.evaluation_return == line.evaluation_return_at_end for line in lines):

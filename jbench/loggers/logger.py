@@ -11,7 +11,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from jbench.errors import ERRORS_OF_OTHERS, RequestError
+from jbench.errors import ERRORS_OF_OTHERS, RequestError, sentence_of_failure
 from jbench.store import Results
 from jbench.store.follow import POLL_SECONDS, Change, Follower, grouped
 from jbench.store.schema import LOSSES
@@ -50,7 +50,10 @@ class Logger(ABC):
 
     @abstractmethod
     def _begin(self, name: str, group: str, config: dict[str, Any]) -> Any:
-        """Starts and returns the log of a run, which the tracker shows in a group."""
+        """Starts and returns the log of a run, which the tracker shows in a group.
+
+        A log that can't be started is left closed.
+        """
 
     @abstractmethod
     def _add(self, log: Any, steps: int, time: float, values: _Values) -> None:
@@ -78,7 +81,10 @@ class _TensorBoard(Logger):
         # The new file hides the points of earlier files from step 0 on.
         place = str(self._directory / name)
         writer = self._make_writer(place, purge_step=0, flush_secs=int(POLL_SECONDS))
-        writer.add_text("settings", f"    {json.dumps(config, indent=4)}")
+        with contextlib.ExitStack() as at_failure:
+            at_failure.callback(writer.close)
+            writer.add_text("settings", f"    {json.dumps(config, indent=4)}")
+            at_failure.pop_all()
         return writer
 
     def _add(self, log: Any, steps: int, time: float, values: _Values) -> None:
@@ -143,7 +149,10 @@ class _WeightsAndBiases(Logger):
         # A run of the same id is overwritten.
         about = {"id": hashlib.sha256(name.encode()).hexdigest()[:16], "name": name}
         log = self._library.init(group=group, config=config, **about, **self._arguments)
-        log.define_metric("*", step_metric="control_steps")
+        with contextlib.ExitStack() as at_failure:
+            at_failure.callback(log.finish)
+            log.define_metric("*", step_metric="control_steps")
+            at_failure.pop_all()
         return log
 
     def _add(self, log: Any, steps: int, time: float, values: _Values) -> None:
@@ -159,13 +168,21 @@ _TRACKERS: dict[str, Callable[[Path], Logger]] = {
 
 
 def make_logger(name: str, results: Path) -> Logger:
-    """Returns the logger of a tracker (`names.LOGGERS`); its files are in the results directory."""
+    """Returns the logger of a tracker (`names.LOGGERS`); its files are in the results directory.
+
+    Raises a RequestError if its library is not installed or can't be used.
+    """
+    install = f"pip install 'jbench[{name}]'"
     try:
         return _TRACKERS[name](results / name)
-    except ImportError as error:
+    except ModuleNotFoundError as error:
         raise RequestError(
-            f"--log {name} needs the package {error.name or name}; type pip install "
-            f"'jbench[{name}]'."
+            f"--log {name} needs the package {error.name or name}; type {install}."
+        ) from None
+    except ERRORS_OF_OTHERS as error:
+        reason = sentence_of_failure(error)
+        raise RequestError(
+            f"--log {name} can't be used ({reason}); type {install}, or leave --log out."
         ) from None
 
 
@@ -222,11 +239,11 @@ def copying_rows(
             for run in runs:
                 logger.end(run)
         except ERRORS_OF_OTHERS as error:
-            reason = str(error) or type(error).__name__
+            reason = sentence_of_failure(error)
             warn(f"Logging has stopped ({reason}); the training is not affected.")
             # An experiment tracker shows a run as running until its log is ended.
             for run in runs:
-                with contextlib.suppress(Exception):
+                with contextlib.suppress(*ERRORS_OF_OTHERS):
                     logger.end(run)
 
     thread = threading.Thread(target=copy_until_done, daemon=True)

@@ -14,7 +14,7 @@ from jbench.settings.recorded import read_run, recorded_episode_steps
 from jbench.store.evaluations import evaluation_returns
 from jbench.store.record import Record
 from jbench.store.roles import CHECKPOINT
-from jbench.store.rows import has_diverged, make_row
+from jbench.store.rows import has_diverged, has_policy, make_row
 
 
 @dataclass(frozen=True)
@@ -37,6 +37,7 @@ class RunLine:
         evaluation_return: mean return of the last evaluation, with the episodes of `jbench
             evaluate` that have joined it.
         evaluation_return_at_end: the same without these episodes.
+        has_policy: whether the results have its policy; False for an import.
     """
 
     run: str
@@ -57,6 +58,7 @@ class RunLine:
     last_return: float | None = None
     evaluation_return: float | None = None
     evaluation_return_at_end: float | None = None
+    has_policy: bool = False
 
     def matches(self, filters: Mapping[str, Collection[Any]]) -> bool:
         """Returns whether each field that is filtered has one of the allowed values."""
@@ -92,6 +94,7 @@ def make_line(record: Record) -> RunLine:
         returns=row.get("returns"),
         error=record.error,
         variant=row.get("variant"),
+        has_policy=has_policy(record),
     )
 
 

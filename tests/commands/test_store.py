@@ -77,6 +77,20 @@ def test_failed_runs_are_listed_with_their_errors(results, run_command, document
     assert out.endswith(": failed: the critic's loss is not finite\n")
 
 
+def test_runs_with_a_policy_are_listed(results, run_command, document):
+    record = add_whole_run(results, [5.0], finish=False, seed=9)
+    record.finish({}, {"policy.json": b"{}", "policy.safetensors": b""})
+    runs = document("runs", "--policies", results=results.path)["runs"]
+    assert [(run["run"], run["has_policy"]) for run in runs] == [(record.id, True)]
+    runs = document("runs", results=results.path)["runs"]
+    assert {run["seed"]: run["has_policy"] for run in runs}[1] is False
+    code, _, err = run_command("runs", "--policies", "--imports", results=results.path)
+    assert (code, err) == (
+        2,
+        "Error: --imports and --policies exclude each other: imports have no policy.\n",
+    )
+
+
 def test_unreadable_run_is_reported_and_others_listed(results, run_command):
     run = results.scan("run")[0][0]
     (run.path / "manifest.json").write_bytes(b"{")

@@ -10,9 +10,11 @@ import threading
 import pyarrow as pa
 import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+from torch.utils.tensorboard import SummaryWriter
 
 from jbench.cli import main
 from jbench.commands import training
+from jbench.errors import RequestError
 from jbench.loggers.logger import Logger, copying_rows, make_logger
 from jbench.store import Results, schema
 from tests.store.store_rows import episodes
@@ -113,7 +115,7 @@ class Kept(Logger):
     def _finish(self, log):
         self.ended.append(log)
         if log in self.failing:
-            raise OSError("no connection")
+            sys.exit("no connection")
 
 
 def test_output_of_the_program_stays_its_own(results, capsys):
@@ -153,11 +155,52 @@ def test_logs_are_ended_after_a_failure(results):
     ids = [run.id for run in runs]
     kept = Kept(failing=ids[1:])
     kept.printed.set()
+    for id in ids[1:]:
+        kept._logs[id] = id  # both have begun
     warnings = []
     with copying_rows(results, ids, kept, warnings.append):
         pass
-    assert kept.ended == ids[:2]
-    assert warnings == ["Logging has stopped (no connection); the training is not affected."]
+    assert kept.ended == ids
+    (warning,) = warnings
+    assert warning.startswith("Logging has stopped (OSError: no connection, line ")
+    assert warning.endswith("); the training is not affected.")
+
+
+def test_log_that_can_not_begin_is_closed(results, monkeypatch):
+    run = add_whole_run(results, [1.0])
+    closed = []
+
+    def fail(writer, *arguments):
+        raise OSError("disk full")
+
+    close = SummaryWriter.close
+    monkeypatch.setattr(SummaryWriter, "add_text", fail)
+    monkeypatch.setattr(SummaryWriter, "close", lambda writer: closed.append(close(writer)))
+    warnings = []
+    mirror(results, run, warn=warnings.append)
+    assert closed == [None]
+    assert warnings[0].startswith("Logging has stopped (OSError: disk full, line ")
+
+
+@pytest.mark.parametrize(
+    ("library", "said"),
+    [
+        ("raise AttributeError('np.bool8')", "(AttributeError: np.bool8, line 1 of trackio.py)"),
+        ("import not_there", "--log trackio needs the package not_there; type pip install"),
+    ],
+)
+def test_library_that_can_not_be_imported_is_said_in_a_sentence(
+    results, monkeypatch, tmp_path, library, said
+):
+    (tmp_path / "trackio.py").write_text(library)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "trackio", raising=False)
+    monkeypatch.delenv("TRACKIO_DIR", raising=False)
+    with pytest.raises(RequestError) as refused:
+        make_logger("trackio", results.path)
+    monkeypatch.delenv("TRACKIO_DIR")
+    assert said in str(refused.value)
+    assert "pip install 'jbench[trackio]'" in str(refused.value)
 
 
 def records(content):

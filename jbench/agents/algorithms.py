@@ -90,7 +90,11 @@ def describe_settings(algo: str) -> list[dict[str, Any]]:
 
         default: Any = "required"
         if not field.is_required():
-            default = to_jsonable_python(field.get_default(call_default_factory=True))
+            value = field.get_default(call_default_factory=True)
+            try:
+                default = to_jsonable_python(value)
+            except (TypeError, ValueError):
+                raise _unrecordable(name, algo, value) from None
 
         texts = [base.model_fields[name].description for base in bases if name in base.model_fields]
         text = next(filter(None, texts), "")
@@ -143,10 +147,38 @@ def algorithm_fields(
     of_source = _source_changes(algo, base, task)
     settings = settings_with(settings_class(algo), algo, {**of_source, **changes})
     return fields | {
-        "hyperparameters": settings.model_dump(mode="json"),
+        "hyperparameters": _recorded(algo, settings),
         "package": package_and_version(algo),
         "sources": checksum(algorithm_provenance(algo).get("sources", {})),
     }
+
+
+def _recorded(algo: str, settings: Settings) -> dict[str, Any]:
+    """Returns settings of a class of others as JSON; a RequestError names one that is none.
+
+    A set of texts is sorted, since its order differs between processes.
+    """
+    recorded: dict[str, Any] = {}
+    for name in type(settings).model_fields:
+        value = getattr(settings, name)
+        try:
+            recorded |= settings.model_dump(mode="json", include={name})
+            canonical_json({name: recorded.get(name)})
+        except (TypeError, ValueError):
+            raise _unrecordable(name, algo, value) from None
+
+        if isinstance(value, set | frozenset) and any(isinstance(each, str) for each in value):
+            recorded[name].sort()
+
+    return recorded
+
+
+def _unrecordable(setting: str, algo: str, value: object) -> RequestError:
+    """Returns the error for a setting whose value is no JSON."""
+    return RequestError(
+        f"The setting {setting} of {algo} is {value!r:.60}, which can't be recorded: use finite "
+        "numbers, texts, and lists or mappings of them."
+    )
 
 
 def _source_changes(algo: str, base: SettingsBase | None, task: str) -> Changes:

@@ -126,7 +126,9 @@ class AutogradLearner(OffPolicyLearner[OffPolicySettings]):
                 value, gradients = self._differentiate(loss, self._views[name], batch)
                 torch._foreach_copy_(self._gradients[name], gradients)
                 if loss in self.losses:
-                    self._record_loss(loss, value[..., None, None])
+                    # One number of each seed; a rule may return it as a vector.
+                    seeds = value.shape[:1] if self.view.is_stack else ()
+                    self._record_loss(loss, value.reshape(*seeds, 1, 1))
             for loss in updated:
                 self._adams[rule.losses[loss]].step()
         for name in rule.targets:

@@ -1,6 +1,6 @@
 """Builds an engine from settings; a rule that does not keep to what `Rule` describes is refused."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pkgutil import resolve_name
 from typing import Any
@@ -20,7 +20,7 @@ from jbench.agents.engine import CPU
 from jbench.agents.environments import Environments
 from jbench.agents.memory import memory_error
 from jbench.devices import check_precision
-from jbench.errors import ERRORS_OF_OTHERS, WorkError
+from jbench.errors import ERRORS_OF_OTHERS, WorkError, sentence_of_failure
 from jbench.names import Precision, TimeLimit
 from jbench.policies.actors import copy_module
 from jbench.settings.algorithms import SETTINGS, AlgorithmSettings, OffPolicySettings, PPOSettings
@@ -135,13 +135,20 @@ def checked_rule(
             _update(rule, seeds=1)
             _update(rule, seeds=2)
         except ERRORS_OF_OTHERS as error:
-            text = str(error) or type(error).__name__
-            reason = text.removeprefix("vmap: ").partition("\n")[0].partition(". ")[0]
+            reason = _reason(error)
             fault = f"an update of one or two seeds fails ({reason.rstrip('.')})"
             raise _unusable(kind, fault) from error
 
     copy_module(mean_actor(rule), observation_size, action_size)
     return rule
+
+
+def _reason(error: BaseException) -> str:
+    """Returns why an update fails: the first sentence of what torch, or code of others, says."""
+    text = str(error).removeprefix("vmap: ").partition("\n")[0].partition(". ")[0]
+    if isinstance(error, RuntimeError | ValueError) and text:
+        return text
+    return sentence_of_failure(error)
 
 
 def _unusable(kind: type[Rule], fault: str) -> WorkError:
@@ -156,6 +163,8 @@ def _faults(rule: Rule, again: Rule, action_size: int) -> Iterator[str]:
     """Yields what is wrong with the attributes of a rule, of which `again` has other weights."""
     if rule.action_size != action_size:
         yield "its __init__ does not pass action_size on to Rule.__init__"
+    if type(rule).act is not Rule.act:
+        yield "it has its own act, but the saved policy is the tanh of its actor's outputs"
     yield from _faults_of_actor(rule, action_size)
     yield from _faults_of_names(rule)
 
@@ -170,6 +179,17 @@ def _faults(rule: Rule, again: Rule, action_size: int) -> Iterator[str]:
         if name != first[module] and has_parameters:
             yield f"{name} is the module {first[module]}; each must have its own"
 
+    yield from _faults_of_shared_parameters(rule)
+
+
+def _faults_of_shared_parameters(rule: Rule) -> Iterator[str]:
+    """Yields which parameters belong to two attributes, each of which is trained by itself."""
+    names: dict[nn.Parameter, str] = {}
+    for name, parameter in rule.named_parameters(remove_duplicate=False):
+        first = names.setdefault(parameter, name)
+        if first.partition(".")[0] != name.partition(".")[0]:
+            yield f"{name} is the parameter {first}; each must have its own"
+
 
 def _faults_of_actor(rule: Rule, action_size: int) -> Iterator[str]:
     """Yields what is wrong with the layers of a rule's actor."""
@@ -183,11 +203,26 @@ def _faults_of_actor(rule: Rule, action_size: int) -> Iterator[str]:
 
 def _faults_of_names(rule: Rule) -> Iterator[str]:
     """Yields what is wrong with the losses of a rule, and with the names of what they train."""
+    if not isinstance(rule.losses, Mapping):
+        yield "its losses are no mapping of the name of a loss to that of what it trains"
+        return
+
     if not rule.losses:
         yield "it has no losses"
     for loss, trained in rule.losses.items():
         if not hasattr(rule, loss) or trained not in parameter_names(rule):
             yield f"it has no method {loss}, or no network or parameter {trained}"
+
+    for name in ("gradients_first", "delayed"):
+        names = getattr(rule, name)
+        if isinstance(names, str):
+            yield f"its {name} is the text {names!r}; type a tuple, ({names!r},)"
+            return
+
+    # Settings may leave a loss out of `losses` that is a method still.
+    for loss in rule.gradients_first:
+        if not hasattr(rule, loss):
+            yield f"{loss} is in gradients_first, but it has no such method"
 
     changing = {*rule.losses.values(), *(f"{name}_target" for name in rule.targets)}
     for name in sorted(set(rule.delayed) - changing):
@@ -198,7 +233,7 @@ def _update(rule: Rule, seeds: int) -> None:
     """Makes an update of initial parameters with a minibatch of zeros, of one seed or a stack.
 
     This fails if a loss is no number, does not depend on what it trains, draws random numbers,
-    changes a buffer, or has shapes or branches that depend on values.
+    changes a buffer or the batch, or has shapes or branches that depend on values.
     """
     observation_size = rule.observation_size
     action_size = rule.action_size
@@ -219,10 +254,30 @@ def _update(rule: Rule, seeds: int) -> None:
         noise=torch.zeros(*shape, rule.noise_per_transition),
         action_size=action_size,
     )
+    before = _versions(batch)
+    if not is_stack:
+        _check_losses(learner.rule, batch)
     learner.update(batch)
+    if _versions(batch) != before:
+        raise ValueError("a loss changes the batch, which all losses share")
     if learner.is_stochastic:
         actions = learner.explore(batch.observations, batch.actions)
         returned = tuple(actions.shape[-2:])
         wanted = tuple(batch.actions.shape[-2:])
         if returned != wanted:
             raise ValueError(f"explore returns {returned} numbers, not actions {wanted}")
+
+
+def _check_losses(rule: Rule, batch: Batch) -> None:
+    """Raises a ValueError if a loss of a rule returns anything but one number."""
+    for loss in rule.losses:
+        value: Any = rule(loss, batch)
+        if not isinstance(value, torch.Tensor):
+            raise ValueError(f"{loss} returns {value!r:.40}, which is no tensor")
+        if value.numel() != 1:
+            raise ValueError(f"{loss} returns {value.numel()} numbers, not one")
+
+
+def _versions(batch: Batch) -> dict[str, tuple[int, int]]:
+    """Returns which tensors a batch has, and how often each was changed in place, by name."""
+    return {name: (id(tensor), tensor._version) for name, tensor in vars(batch).items()}

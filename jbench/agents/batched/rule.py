@@ -27,8 +27,9 @@ class Rule(nn.Module):
 
     A loss is a method of a `Batch` that returns one number. It may use all networks; only those
     that it trains are differentiated, so the others need not be detached. It depends on nothing but
-    the parameters and the batch: random numbers come from `batch.noise`, and it keeps nothing. No
-    shape and no branch depends on values, since torch.func.vmap computes the seeds of a stack.
+    the parameters and the batch: random numbers come from `batch.noise`, and it keeps nothing. It
+    leaves the batch as it is, which the losses share. No shape and no branch depends on values,
+    since torch.func.vmap computes the seeds of a stack.
 
     The attribute `actor` is an nn.Sequential that ends in a Linear layer. tanh of its first
     `action_size` outputs is the deterministic action.
@@ -131,6 +132,12 @@ def make_rule(
             f"{action_size}: add the argument action_size to its __init__ "
             "(docs/your-own-rule.md), or choose another task."
         )
+    if isinstance(rule.targets, str):
+        raise WorkError(
+            f"The targets of the rule {kind.__name__} are the text {rule.targets!r}; type a tuple, "
+            f"({rule.targets!r},)."
+        )
+
     for name in rule.targets:
         if not hasattr(rule, name):
             raise WorkError(f"The rule {kind.__name__} has no {name}, which is among its targets.")

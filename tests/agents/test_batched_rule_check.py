@@ -63,6 +63,23 @@ class WithSharedModule(TD3):
         self.actor = nn.Sequential(self.trunk, nn.Linear(8, 1))
 
 
+class WithSharedParameter(TD3):
+    def __init__(self, settings, observation_size):
+        super().__init__(settings, observation_size)
+        self.critics[1][0].weight = self.critics[0][0].weight  # within one attribute, it may be
+        self.critics[1][2].bias = self.actor[2].bias
+
+
+def in_place(self, batch):
+    batch.rewards.mul_(2)
+    return TD3.critic_loss(self, batch)
+
+
+def replaced(self, batch):
+    batch.rewards = 2 * batch.rewards
+    return TD3.critic_loss(self, batch)
+
+
 FIRST, LAST = nn.Linear(SIZE, 8), nn.Linear(8, 1)
 
 
@@ -87,7 +104,7 @@ FIRST, LAST = nn.Linear(SIZE, 8), nn.Linear(8, 1)
         ),
         (
             changed(actor_loss=lambda self, batch: self.act(batch.observations)[:, 0]),
-            r"seeds fails \(.*scalar",
+            r"seeds fails \(actor_loss returns 16 numbers, not one\)",
         ),
         (changed(actor_loss=with_dropout), r"seeds fails \(.*random"),
         (WithBatchNorm, r"seeds fails \(Batch norm got a batched tensor .* updated in place"),
@@ -95,7 +112,19 @@ FIRST, LAST = nn.Linear(SIZE, 8), nn.Linear(8, 1)
             changed(actor_loss=lambda self, batch: batch.rewards.mean()),
             r"seeds fails \(.*does not require grad",
         ),
-        (changed(critic_loss=failing), r"seeds fails \(AssertionError\)"),
+        (
+            changed(critic_loss=lambda self, batch: None),
+            r"seeds fails \(critic_loss returns None, which is no tensor\)",
+        ),
+        (changed(critic_loss=in_place), r"seeds fails \(a loss changes the batch"),
+        (changed(critic_loss=replaced), r"seeds fails \(a loss changes the batch"),
+        (changed(critic_loss=failing), r"seeds fails \(AssertionError, line \d+ of test_batched"),
+        (changed(losses=["critic_loss"]), "its losses are no mapping"),
+        (changed(targets="actor"), r"are the text 'actor'; type a tuple, \('actor',\)"),
+        (changed(delayed="actor"), r"its delayed is the text 'actor'; type a tuple"),
+        (changed(gradients_first=("acto_loss",)), "acto_loss is in gradients_first, but it has no"),
+        (changed(act=lambda self, seen: self.actor(seen)), "it has its own act, but the saved pol"),
+        (WithSharedParameter, r"critics.1.2.bias is the parameter actor.2.bias; each must"),
         (changed(critic_loss=loss_on_part), "seeds fails"),
         (
             changed(explore=lambda self, seen, noise: self.act(seen) if noise.sum() > 0 else noise),
@@ -104,7 +133,7 @@ FIRST, LAST = nn.Linear(SIZE, 8), nn.Linear(8, 1)
     ],
 )
 def test_faulty_rule_is_refused_before_training(rule, sentence):
-    with pytest.raises(WorkError, match=f"The rule {rule.__name__} .*{sentence}"):
+    with pytest.raises(WorkError, match=f"[Tt]he rule {rule.__name__} .*{sentence}"):
         build_engine(rule, TD3_SETTINGS, [0])
 
 

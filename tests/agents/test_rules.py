@@ -4,7 +4,7 @@ import pytest
 import torch
 
 import jbench
-from jbench.agents.algorithms import algorithm_fields
+from jbench.agents.algorithms import algorithm_fields, describe_settings
 from jbench.agents.batched.replay import Batch
 from jbench.errors import RequestError
 from jbench.settings.algorithms import ForeignRule
@@ -46,6 +46,20 @@ CASES = [
     ("td3", FAST),
     ("sac", {**FAST, "target_entropy": "auto"}),
 ]
+
+
+ODD_RULE = """
+import jbench
+
+class Odd(jbench.rules.TD3):
+    class Settings(jbench.rules.TD3.Settings):
+        scale: float = float("inf")
+        key: bytes = b"\\xff"
+
+class Sets(jbench.rules.TD3):
+    class Settings(jbench.rules.TD3.Settings):
+        words: set[str] = {"one", "two", "three", "four", "five"}
+"""
 
 
 def subclass(algo):
@@ -182,6 +196,17 @@ def test_rule_takes_the_sources_of_its_algorithm_only():
     assert fields["hyperparameters"]["hidden_layers"] == [300, 300, 300]
     with pytest.raises(RequestError, match=r"no settings script for jbench.rules:SAC: it has pub"):
         algorithm_fields("jbench.rules:SAC", base="script")
+
+
+def test_setting_that_is_no_json_is_refused_by_its_name(tmp_path, monkeypatch):
+    (tmp_path / "odd_rule.py").write_text(ODD_RULE)
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(RequestError, match=r"The setting scale of odd_rule:Odd is inf, which can"):
+        algorithm_fields("odd_rule:Odd")
+    with pytest.raises(RequestError, match=r"The setting key of odd_rule:Odd is b'\\xff', which"):
+        describe_settings("odd_rule:Odd")
+    fields = algorithm_fields("odd_rule:Sets")
+    assert fields["hyperparameters"]["words"] == ["five", "four", "one", "three", "two"]
 
 
 @pytest.mark.parametrize("environments", [None, 3])

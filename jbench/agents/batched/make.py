@@ -203,7 +203,8 @@ def _faults_of_actor(rule: Rule, action_size: int) -> Iterator[str]:
 
 def _faults_of_names(rule: Rule) -> Iterator[str]:
     """Yields what is wrong with the losses of a rule, and with the names of what they train."""
-    if not isinstance(rule.losses, Mapping):
+    losses: Any = rule.losses
+    if not isinstance(losses, Mapping):
         yield "its losses are no mapping of the name of a loss to that of what it trains"
         return
 

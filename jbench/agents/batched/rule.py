@@ -132,10 +132,11 @@ def make_rule(
             f"{action_size}: add the argument action_size to its __init__ "
             "(docs/your-own-rule.md), or choose another task."
         )
-    if isinstance(rule.targets, str):
+    targets: Any = rule.targets
+    if isinstance(targets, str):
         raise WorkError(
-            f"The targets of the rule {kind.__name__} are the text {rule.targets!r}; type a tuple, "
-            f"({rule.targets!r},)."
+            f"The targets of the rule {kind.__name__} are the text {targets!r}; type a tuple, "
+            f"({targets!r},)."
         )
 
     for name in rule.targets:

@@ -1,6 +1,8 @@
 """Tests of `jbench demo`, which runs the commands of the quick start."""
 
+import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 
@@ -29,7 +31,9 @@ class ForkedCommand(Piped):
 
 
 def test_each_command_is_printed_run_and_recorded(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(demo.subprocess, "Popen", ForkedCommand)
+    # Of this module only: the server that forks the commands is started by the real one.
+    replaced = SimpleNamespace(Popen=ForkedCommand, PIPE=subprocess.PIPE)
+    monkeypatch.setattr(demo, "subprocess", replaced)
     monkeypatch.setattr(demo, "COMMANDS", ("collect --steps 1000", "datasets"))
     place = tmp_path / "mine"
     assert main(["demo", "--results", str(place)]) == 0

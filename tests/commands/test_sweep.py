@@ -118,9 +118,9 @@ def test_failed_run_stops_no_other_and_is_retried_by_option(tmp_path, results):
     assert states([encoded, full], results) == ["finished"] * 2
 
 
-@pytest.mark.usefixtures("short_encoder_evaluation")
+@pytest.mark.usefixtures("short", "short_encoder_evaluation")
 def test_encoders_are_trained_on_requested_device(tmp_path, results, monkeypatch):
-    matrix = write_matrix(tmp_path, representations='"pca3"', seeds="0", steps=1000, dataset=2000)
+    matrix = write_matrix(tmp_path, representations='"pca3"', seeds="0")
     # This torch may have no CUDA: computing there would fail.
     monkeypatch.setattr("torch.cuda.is_available", lambda: True)
     monkeypatch.setattr("jbench.sweeps.scheduler.forecasts", lambda *_: [])

@@ -201,6 +201,21 @@ def test_paths_are_of_own_episodes_of_each_seed(tmp_path):
         assert last["target_x"].isna().all()
 
 
+def test_evaluation_of_more_episodes_has_the_path_of_the_first_and_shows_how_many_ended():
+    def act(observations):
+        return np.full((*observations.shape[:-1], 1), 0.5)
+
+    run = settings(evaluate_episodes=2)
+    shown = []
+    (few,) = evaluate_policies(run, [7], 0, act)
+    (many,) = evaluate_policies(run, [7], 0, act, episodes=5, show_done=shown.append)
+    assert shown == [2, 4, 5]
+    assert many.returns[:2].tolist() == few.returns.tolist()
+    assert many.returns.shape == (5,)
+    np.testing.assert_array_equal(many.path.points, few.path.points)
+    assert many.path.target == few.path.target
+
+
 def test_incompatible_settings_and_devices_are_refused():
     with pytest.raises(ValueError, match="choose that engine, or leave it out"):
         settings(engine="sb3", parallel=2)

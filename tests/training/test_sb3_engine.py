@@ -108,7 +108,7 @@ def test_standardized_inputs_are_those_of_vec_normalize(algo, tmp_path):
 
 
 SCHEDULES = {
-    "ppo": {"n_envs": 1, "n_steps": 80},
+    "ppo": {"n_envs": 1, "n_steps": 80, "n_epochs": 1},
     "td3": {**TD3, "train_freq": 80},
 }
 

@@ -5,7 +5,6 @@ observation and reward are Python, so threads would be slower. The state of an e
 and the actions so far, since many tasks write random targets into their model at each reset.
 """
 
-import warnings
 from collections.abc import Sequence
 from functools import partial
 from typing import Any
@@ -15,7 +14,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from jbench.closing import make_all
-from jbench.errors import ERRORS_OF_OTHERS, WorkError, WorkWarning, sentence_of_failure
+from jbench.errors import ERRORS_OF_OTHERS, WorkError, sentence_of_failure
 from jbench.tasks.environment_maker import EnvironmentMaker
 from jbench.tasks.environment_specification import UnusableError
 from jbench.tasks.own_pictures import check_can_draw, check_draws, mujoco_physics, own_picture
@@ -46,7 +45,7 @@ class EnvironmentWorlds(EndingWorlds):
     def close(self) -> None:
         """Closes the environments."""
         for environment in self.environments:
-            close(self._task.name, environment)
+            self._task.close_environment(environment)
 
     def begin(
         self,
@@ -181,7 +180,7 @@ class EnvironmentWorlds(EndingWorlds):
             if self._task.reseeds:
                 self._task.reseed(self.environments[world], seed)
             else:
-                close(self._task.name, self.environments[world])
+                self._task.close_environment(self.environments[world])
                 self.environments[world] = self._task.environment(seed, draws=self._draws)
 
             timestep = self.environments[world].reset()
@@ -223,18 +222,4 @@ class EnvironmentWorlds(EndingWorlds):
 
 def _new_environments(task: EnvironmentMaker, count: int, *, draws: bool) -> list[Any]:
     """Returns environments of a task; if one can't be made, those before it are closed."""
-    return make_all(count, partial(task.environment, 0, draws=draws), partial(close, task.name))
-
-
-def close(task: str, environment: Any) -> None:
-    """Closes an environment of a task, if it can be closed; an error of that is a warning.
-
-    Its work is done by then, or has failed by an error of its own.
-    """
-    try:
-        method = getattr(environment, "close", None)
-        if callable(method):
-            method()
-    except ERRORS_OF_OTHERS as error:
-        sentence = f"{task}: its close fails ({sentence_of_failure(error)}); no result is lost."
-        warnings.warn(sentence, WorkWarning, stacklevel=2)
+    return make_all(count, partial(task.environment, 0, draws=draws), task.close_environment)

@@ -29,7 +29,7 @@ from jbench.settings.run import RunSettings
 from jbench.store import Record, Results, files
 from jbench.task_specs import EPISODE_STEPS
 from jbench.training.checkpoints import save
-from jbench.training.engines import make_trainer
+from jbench.training.engines import make_engine
 from jbench.training.log import RunLog
 from jbench.wording import counted
 
@@ -81,7 +81,7 @@ def cost(algo: str, rounds: int, control_steps: int) -> None:
     shares, times = [], []
     with (
         tempfile.TemporaryDirectory() as folder,
-        make_trainer(runs, [None] * SEEDS, "cpu") as engine,
+        make_engine(runs, [None] * SEEDS, "cpu") as engine,
     ):
         begun = [begin(Path(folder), run) for run in runs]
         if isinstance(engine, OffPolicyEngine):
@@ -130,7 +130,7 @@ def volume(algo: str, control_steps: int) -> None:
     """Prints what the checkpoints of training write, with one per episode."""
     run = settings_of(algo, 0)
     written = Written()
-    with tempfile.TemporaryDirectory() as folder, make_trainer([run], [None], "cpu") as engine:
+    with tempfile.TemporaryDirectory() as folder, make_engine([run], [None], "cpu") as engine:
         record, log = begin(Path(folder), run)
         most = 0
         for number in range(1, control_steps // EPISODE_STEPS + 1):
@@ -156,7 +156,7 @@ def compact(algo: str, repeated: int) -> None:
         runs = [settings_of(algo, seed) for seed in range(seeds)]
         shape = repeated, seeds, 1, 1
         actions = np.random.default_rng(0).uniform(-1, 1, shape).astype(np.float32)
-        with make_trainer(runs, [None] * seeds, "cpu") as engine:
+        with make_engine(runs, [None] * seeds, "cpu") as engine:
             assert isinstance(engine, OffPolicyEngine)
             before = [torch.zeros(1, 0, 18)] * seeds
             clock = time.process_time()

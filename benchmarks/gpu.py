@@ -26,8 +26,8 @@ from typing import Any, NamedTuple
 import torch
 from stacked_updates import Updates, peak
 
-from jbench.agents.batched.make import make_engine
-from jbench.agents.engine import Engine
+from jbench.agents.batched.engine import BatchedEngine
+from jbench.agents.batched.make import make_batched_engine
 from jbench.agents.environments import Environments
 from jbench.cores import cores
 from jbench.devices import find_device
@@ -133,13 +133,15 @@ def engine_of(
     device: torch.device,
     precision: str = "float32",
     environments: int | None = None,
-) -> Engine:
+) -> BatchedEngine:
     """Returns untrained agents in one stack."""
     settings = settings_of(algo, size)
     count = environments or getattr(settings, "n_envs", 1)
     threads = cores() if device.type == "cuda" else 1
     robots = Environments(TASK, range(seeds), count, threads=threads)
-    return make_engine(algo, settings, robots, device=device, precision=precision, stacked=True)
+    return make_batched_engine(
+        algo, settings, robots, device=device, precision=precision, stacked=True
+    )
 
 
 def report_tests(size: Size, report: Report) -> bool:

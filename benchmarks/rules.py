@@ -11,7 +11,7 @@ from statistics import median
 
 import torch
 
-from jbench.agents.batched.make import make_engine
+from jbench.agents.batched.make import make_batched_engine
 from jbench.agents.batched.off_policy import OffPolicyEngine
 from jbench.agents.batched.rule import Rule
 from jbench.agents.batched.updates import Updates
@@ -26,7 +26,7 @@ TRANSITIONS = 10_000
 def updates_of(algo: str | type[Rule]) -> Updates:
     """Returns the updates of a seed whose replay buffer is full of random numbers."""
     settings = TD3Settings(buffer_size=TRANSITIONS)
-    engine = make_engine(algo, settings, Environments("face_direction", [0]))
+    engine = make_batched_engine(algo, settings, Environments("face_direction", [0]))
     assert isinstance(engine, OffPolicyEngine)
     engine.replay.restore(0, torch.randn(1, TRANSITIONS, engine.environments.size + 2), TRANSITIONS)
     (updates,) = engine.group_updates

@@ -7,15 +7,15 @@ import torch
 from torch.profiler import ProfilerActivity, profile
 from torch.utils.flop_counter import FlopCounterMode
 
+from jbench.agents.batched.engine import BatchedEngine
 from jbench.agents.batched.off_policy import OffPolicyEngine
 from jbench.agents.batched.on_policy import OnPolicyEngine
-from jbench.agents.engine import Engine
 
 
 class Updates:
     """The updates of the agents of an engine, without their robots."""
 
-    def __init__(self, engine: Engine, transitions: int) -> None:
+    def __init__(self, engine: BatchedEngine, transitions: int) -> None:
         """Fills the buffers with random transitions."""
         self._engine, self._done = engine, 0
         self.device = engine.tensors.device

@@ -45,13 +45,13 @@ def rollout_length(settings: Any) -> int:
 
 def batched(request: Request) -> Run:
     """Returns whole training on the batched engine."""
-    from jbench.agents.batched.make import make_engine
+    from jbench.agents.batched.make import make_batched_engine
     from jbench.agents.ending_environments import environments_class
 
     settings = settings_of(request)
     task = request["task"]
     robots = environments_class(task)(task, request["seeds"], getattr(settings, "n_envs", 1))
-    engine = make_engine(request["algo"], settings, robots, **request.get("options", {}))
+    engine = make_batched_engine(request["algo"], settings, robots, **request.get("options", {}))
     steps, episodes = engine.learn(10**12), Episodes()
     rollout = rollout_length(settings)
 

@@ -13,7 +13,7 @@ from statistics import median
 import torch
 from torch import Tensor
 
-from jbench.agents.batched.make import make_engine
+from jbench.agents.batched.make import make_batched_engine
 from jbench.agents.batched.off_policy import OffPolicyEngine
 from jbench.agents.environments import Environments
 from jbench.settings.algorithms import algorithm_settings
@@ -28,7 +28,7 @@ def engine_with_transitions(seeds: int, precision: str) -> OffPolicyEngine:
     """Returns agents of DDPG whose replay buffers are full of random numbers."""
     settings = algorithm_settings("ddpg", overrides={"buffer_size": TRANSITIONS})
     robots = Environments("face_direction", range(seeds))
-    engine = make_engine("ddpg", settings, robots, precision=precision)
+    engine = make_batched_engine("ddpg", settings, robots, precision=precision)
     assert isinstance(engine, OffPolicyEngine)
     rows = torch.randn(1, TRANSITIONS, OBSERVATION + 2)
     for seed in range(seeds):

@@ -1,224 +1,87 @@
-"""The training loop of several seeds, and the divergence of their agents."""
+"""Engines, which train the agents of one or several runs, whoever wrote their algorithm."""
 
-import math
-from abc import abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager
-from typing import Any, Self
+from collections.abc import Mapping, Sequence
+from types import TracebackType
+from typing import Any, Protocol, Self
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
-from jbench.agents.environments import Ends, Environments, SeedState, StepResult
-from jbench.errors import WorkError
+from jbench.agents.batched.replay import ReplayBuffer
+from jbench.agents.divergence import DivergedError
+from jbench.agents.environments import Ends, SeedState
+from jbench.agents.training_loop import AfterStep
 from jbench.policies.network import SavedNetwork
 from jbench.tasks.worlds import EpisodeError
-from jbench.timing import part
-
-AfterStep = Callable[[Ends | None], bool]
-"""Called after a control step with what `Engine.learn` yields; returns whether to go on."""
-
-CPU = torch.device("cpu")
 
 
-class DivergedError(WorkError):
-    """The first sign that an agent diverged; its run fails, and its episodes until then are kept.
+class Engine(Protocol):
+    """Trains an agent for each of some seeds; a context manager, which ends its threads.
 
-    `summary` is that in the manifest of the run.
+    A method that takes `seed` takes the index of a seed among these.
     """
-
-    def __init__(self, update: int | None, control_steps: int, what: str) -> None:
-        """Names what is not finite: actions, weights, episode_return, or a loss.
-
-        Args:
-            update: number of updates made (PPO: epochs); None if unknown.
-            control_steps: number of control steps made, over all environments.
-        """
-        self.what = what
-        values = {"update": update, "control_steps": control_steps, "what": what}
-        self.summary = {"diverged": values}
-        verb = "are" if what in ("actions", "weights") else "is"
-        after = "" if update is None else f" after update {update:,},"
-        super().__init__(
-            f"The agent diverged: its {what} {verb} not finite{after} at control step "
-            f"{control_steps:,}."
-        )
-
-    def __reduce__(self) -> tuple[type[Self], tuple[Any, ...]]:
-        """Pickles it, for a training loop of others in a pool of processes."""
-        return type(self), tuple(self.summary["diverged"].values())
-
-
-def divergent_loss(losses: Mapping[str, float]) -> str | None:
-    """Returns the name of the first updated loss that is not finite, or None.
-
-    Features are updated before the critic and the critic before the actor, so a later loss is often
-    not finite because of an earlier one.
-    """
-    divergent = [name for name, loss in losses.items() if not math.isfinite(loss)]
-    for name in ("prediction_loss", "critic_loss", *divergent):
-        if name in divergent:
-            return name
-    return None
-
-
-class Engine(AbstractContextManager["Engine"]):
-    """A `Trainer` of several seeds side by side; each learns what it would learn alone.
-
-    Use it as a context manager: it holds threads.
-
-    Attributes:
-        environments: the robots of all seeds.
-        control_steps: of each seed so far, over its environments.
-        updates: of each seed so far; None if unknown.
-        diverged: the seeds that have diverged, by index. Actions of theirs that are not finite
-            become 0; the other seeds are not affected.
-        truncated_at_restore: see `Trainer`.
-    """
-
-    updates: int | None = None
-
-    def __init__(self, environments: Environments, rollout_steps: int = 1) -> None:
-        """Starts with untrained agents, which learn every `rollout_steps` of each environment."""
-        self.environments = environments
-        self.control_steps = 0
-        self.diverged: dict[int, DivergedError] = {}
-        self.truncated_at_restore: Ends | None = None
-        self._rollout_steps = rollout_steps
-        self._collected = 0
-
-    def __enter__(self) -> Self:
-        """Returns itself."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Ends the threads."""
-        self.environments.close()
-
-    def learn(self, steps: int) -> Iterator[Ends | None]:
-        """Trains until each seed has made `steps` control steps and completed a rollout.
-
-        Steps are counted from the start of training. Learning happens when the step after a
-        completed rollout is requested, also after `restore`, so the caller can evaluate or save the
-        agents between any two steps. Yields after each step of all robots the episodes that ended
-        with it, or None.
-        """
-        while True:
-            if self._collected == self._rollout_steps:
-                with part("updates"):
-                    self._after_rollout()
-                self._collected = 0
-            if self._collected == 0 and self.control_steps >= steps:
-                break
-            observations = self.environments.observations
-            with part("acting"):
-                actions = self._checked_actions(self._explore_actions(observations))
-            with part("robots"):
-                step = self.environments.step(actions)
-            self.control_steps += actions.shape[1]
-            self._collected += 1
-            with part("transitions"):
-                self._store(observations, actions, step)
-            yield step.ends
-
-    def train(self, steps: int, after_step: AfterStep) -> None:
-        """Trains as `learn` does, until `after_step` returns False."""
-        for ends in self.learn(steps):
-            if not after_step(ends):
-                break
-
-    def has_made(self, steps: int) -> bool:
-        """Returns whether `learn` makes no more control steps, but for the last updates."""
-        return self.control_steps >= steps and self._collected in (0, self._rollout_steps)
-
-    def act(self, observations: NDArray[np.float32]) -> NDArray[np.floating]:
-        """Returns deterministic actions (..., dim(A)) in [-1, 1]; 0 for diverged agents.
-
-        The observations (..., dim(O)) are those of the task, not encoded, as many for each seed.
-        """
-        per_seed = len(self.environments.generators), -1, observations.shape[-1]
-        seen = torch.from_numpy(observations.reshape(per_seed))
-        actions = self._act(self.environments.encode(seen))
-        actions[list(self.diverged)] = 0
-        robot_actions: NDArray[np.floating] = actions * self.environments.action_signs(seen)
-        return robot_actions.reshape(*observations.shape[:-1], -1)
 
     @property
-    def failures(self) -> Mapping[int, EpisodeError]:
-        """See `Trainer.failures`."""
-        return self.environments.failures
+    def control_steps(self) -> int:
+        """Control steps of each seed so far, over its environments."""
 
-    def _truncate_unlike(self) -> None:
-        """Truncates the episodes that could not be repeated, after all seeds are restored."""
-        step = self.environments.truncate_unlike()
-        if step is not None:
-            self.truncated_at_restore = step.ends
-            self._truncate(step)
-
-    def _truncate(self, step: StepResult) -> None:
-        """Notes the truncation of the last transitions of the environments that `step` ended."""
+    @property
+    def updates(self) -> int | None:
+        """Updates of each seed so far; None if unknown."""
 
     @property
     def threads(self) -> int:
-        """See `Trainer.threads`."""
-        return self.environments.threads
+        """Threads that step the robots, for evaluations as well."""
 
-    @abstractmethod
+    @property
+    def diverged(self) -> Mapping[int, DivergedError]:
+        """The seeds whose agents have diverged."""
+
+    @property
+    def failures(self) -> Mapping[int, EpisodeError]:
+        """The seeds of which an episode could not go on, if the training of others goes on."""
+
+    @property
+    def truncated_at_restore(self) -> Ends | None:
+        """The episodes that `restore` has truncated, since it could not repeat them."""
+
+    @property
+    def replay(self) -> ReplayBuffer | None:
+        """The replay buffers of all seeds, if a checkpoint must contain them."""
+
+    def train(self, steps: int, after_step: AfterStep) -> None:
+        """Trains until `steps` control steps are made, or `after_step` returns False."""
+
+    def has_made(self, steps: int) -> bool:
+        """Returns whether these control steps are made, but for the last updates."""
+
+    def act(self, observations: NDArray[np.float32]) -> NDArray[np.floating]:
+        """Returns deterministic actions (..., dim(A)) for observations (..., dim(O)) of the task.
+
+        There are as many observations for each seed.
+        """
+
     def policy(self, seed: int) -> SavedNetwork | None:
-        """Returns a copy of the deterministic policy of the seed with this index, if there is one.
+        """Returns a copy of a deterministic policy, if there is one."""
 
-        Raises:
-            UnsupportedPolicyError: if it is not a sequence of supported layers.
-        """
-
-    @abstractmethod
     def losses(self, seed: int) -> dict[str, float]:
-        """Returns the last losses of a seed by database name; empty before the first update."""
+        """Returns the last losses by database name; empty before the first update."""
 
-    @abstractmethod
     def check_weights(self) -> None:
-        """Records in `diverged` the seeds whose weights or optimizer moments are not finite."""
+        """Notes in `diverged` the seeds whose weights are not finite."""
 
-    @abstractmethod
     def state(self, seed: int) -> SeedState | None:
-        """Returns the state of one seed without its replay rows, at any control step.
+        """Returns the state without the replay buffer; None if a killed run must start over."""
 
-        None if its agent has none that can be restored.
-        """
-
-    @abstractmethod
     def restore(self, states: Sequence[SeedState]) -> None:
-        """Restores all seeds; on a CPU, training continues with the same bits.
+        """Restores the states of all seeds; their replay buffers are restored before."""
 
-        The replay rows of an off-policy engine must be restored before.
-        """
+    def __enter__(self) -> Self: ...
 
-    def _record_divergence(self, seed: int, what: str) -> None:
-        """Notes when a seed diverged and by what; later ones change nothing."""
-        self.diverged.setdefault(seed, DivergedError(self.updates, self.control_steps, what))
-
-    def _checked_actions(self, actions: NDArray[np.floating]) -> NDArray[np.floating]:
-        """Replaces actions that are not finite by 0, as MuJoCo would with a warning; notes it."""
-        finite = np.isfinite(actions).all(axis=(1, 2))
-        if not finite.all():
-            for seed in np.flatnonzero(~finite).tolist():
-                self._record_divergence(seed, "actions")
-            actions[~finite] = 0
-        return actions
-
-    @abstractmethod
-    def _act(self, inputs: Tensor) -> NDArray[np.floating]:
-        """Returns deterministic actions (seeds, N, action_size) for inputs (seeds, N, size)."""
-
-    @abstractmethod
-    def _explore_actions(self, observations: Tensor) -> NDArray[np.floating]:
-        """Returns exploring actions (seeds, environments, action_size)."""
-
-    @abstractmethod
-    def _store(self, observations: Tensor, actions: NDArray[np.floating], step: StepResult) -> None:
-        """Stores the transitions of a control step."""
-
-    def _after_rollout(self) -> None:
-        """Makes the updates that are due after a rollout."""
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+        /,
+    ) -> Any: ...

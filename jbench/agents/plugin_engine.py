@@ -10,10 +10,11 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from jbench.agents.engine import CPU, Engine, divergent_loss
+from jbench.agents.divergence import divergent_loss
 from jbench.agents.environments import Environments, SeedState, StepResult
 from jbench.agents.packing import pack, unpack
 from jbench.agents.plugin import Agent, EnvironmentSpec, Transition, is_resumable
+from jbench.agents.training_loop import CPU, TrainingLoop
 from jbench.errors import ERRORS_OF_OTHERS, RequestError, WorkError, sentence_of_failure
 from jbench.names import TimeLimit
 from jbench.policies.actors import copy_module
@@ -23,7 +24,7 @@ from jbench.settings.base import Settings
 from jbench.store import schema
 
 
-class PluginEngine(Engine):
+class PluginEngine(TrainingLoop):
     """Trains one agent of another package, which itself decides when it learns."""
 
     replay = None
@@ -109,7 +110,7 @@ class PluginEngine(Engine):
         self._truncate_unlike()
 
     def _act(self, inputs: Tensor) -> NDArray[np.floating]:
-        """See `Engine._act`; the agent's generators are as they were afterwards."""
+        """See `TrainingLoop._act`; the agent's generators are as they were afterwards."""
         with torch.no_grad(), _kept_generators(self._device):
             return self._checked_actions(self._actions(self._agent.act, inputs[0].numpy()))
 

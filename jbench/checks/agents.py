@@ -10,13 +10,13 @@ import torch
 
 from jbench.agents.algorithms import algorithm_fields, describe_settings
 from jbench.agents.algorithms import settings_class as class_of_settings
-from jbench.agents.batched.make import make_engine
+from jbench.agents.batched.make import make_batched_engine
 from jbench.agents.batched.rule import Rule
 from jbench.agents.ending_environments import environments_class
-from jbench.agents.engine import Engine
 from jbench.agents.environments import SeedState
 from jbench.agents.find import find_class
 from jbench.agents.plugin_engine import PluginEngine
+from jbench.agents.training_loop import TrainingLoop
 from jbench.checks.checked import NamedCheck, NotableError
 from jbench.closing import closed_on_error
 from jbench.errors import WorkError
@@ -40,7 +40,7 @@ _QUICK = {
 }
 """Settings of a rule with which it learns within the first episode, unless others are typed."""
 
-_Make = Callable[..., Engine]  # takes seeds and a number of environments
+_Make = Callable[..., TrainingLoop]  # takes seeds and a number of environments
 
 
 def agent_checks(name: str, task: str, settings: Mapping[str, Any]) -> Iterator[NamedCheck]:
@@ -66,10 +66,10 @@ def rule_checks(name: str, task: str, settings: Mapping[str, Any]) -> Iterator[N
     kind: type[Rule] = find_class(name)
     values: Any = settings_with(class_of_settings(name), name, {**_QUICK, **settings})
 
-    def make(seeds: list[int], environments: int = 1) -> Engine:
+    def make(seeds: list[int], environments: int = 1) -> TrainingLoop:
         robots = environments_class(task)(task, seeds, environments, episode_steps=EPISODE)
         with closed_on_error(robots):
-            return make_engine(kind, values, robots)
+            return make_batched_engine(kind, values, robots)
 
     yield from _checks_of_both(name, make, task)
     yield "side by side", partial(_side_by_side, make)
@@ -135,7 +135,7 @@ def _actions(make: _Make) -> str:
     return "act is deterministic, for any number of observations"
 
 
-def _check_each_alone(engine: Engine) -> None:
+def _check_each_alone(engine: TrainingLoop) -> None:
     """Raises a WorkError if the action for an observation depends on others beside it."""
     size = engine.environments.size
     observations = np.random.default_rng(0).normal(size=(1, 7, size)).astype(np.float32)
@@ -259,20 +259,20 @@ def _check_equal(first: np.ndarray, second: np.ndarray, fault: str) -> None:
         raise WorkError(fault)
 
 
-def _check_finite(engine: Engine) -> None:
+def _check_finite(engine: TrainingLoop) -> None:
     """Raises the error of a seed that diverged."""
     for error in engine.diverged.values():
         raise error
 
 
-def _train(engine: Engine, episodes: int = _EPISODES) -> None:
+def _train(engine: TrainingLoop, episodes: int = _EPISODES) -> None:
     """Trains the agent for some short episodes."""
     made = engine.control_steps
     for _ in engine.learn(made + episodes * EPISODE * engine.environments.observations.shape[1]):
         pass
 
 
-def _numbers(engine: Engine) -> np.ndarray:
+def _numbers(engine: TrainingLoop) -> np.ndarray:
     """Trains on; returns the observations of the first seed at every step."""
     end = engine.control_steps + _EPISODES * EPISODE
     seen = [engine.environments.observations[0].clone() for _ in engine.learn(end)]

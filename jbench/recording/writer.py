@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from jbench.agents.engine import DivergedError, divergent_loss
+from jbench.agents.divergence import DivergedError, divergent_loss
 from jbench.cores import cores
 from jbench.encoders import Encoder, on_observations
 from jbench.errors import RequestError, WorkError, sentence_of_failure

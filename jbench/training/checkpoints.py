@@ -19,8 +19,8 @@ from pydantic import BaseModel, ValidationError
 from torch import Tensor
 
 from jbench.agents.batched.replay import ReplayBuffer
+from jbench.agents.engine import Engine
 from jbench.agents.environments import SeedState
-from jbench.agents.trainer import Trainer
 from jbench.errors import WorkError
 from jbench.settings.base import Settings
 from jbench.store import Record
@@ -85,14 +85,14 @@ class CopiedState(NamedTuple):
 
 
 def save(
-    record: Record, log: RunLog, trainer: Trainer, index: int, *, drop_others: bool = False
+    record: Record, log: RunLog, engine: Engine, index: int, *, drop_others: bool = False
 ) -> Checkpoint | None:
     """Commits the pending rows of a run and a checkpoint atomically.
 
-    The run has an index in its trainer, which is between two control steps; a trainer without a
+    The run has an index in its engine, which is between two control steps; an engine without a
     state has no checkpoint. Of the existing checkpoints, one is kept, or none if `drop_others`.
     """
-    state = trainer.state(index)
+    state = engine.state(index)
     if state is None:
         log.commit()
         return None
@@ -105,7 +105,7 @@ def save(
 
     files: dict[str, bytes] = {}
     replay_row = 0
-    replay = trainer.replay
+    replay = engine.replay
     if replay is not None:
         replay_row = replay.row
         if drop_others:
@@ -116,7 +116,7 @@ def save(
         files |= piece.files
         ended |= set(piece.ended)
 
-    position = log.position(trainer.control_steps)
+    position = log.position(engine.control_steps)
     checkpoint = Checkpoint(position, state, replay_row, is_newest=True)
     log.commit(files | _state_file(checkpoint, record.id), ended)
     return checkpoint
@@ -125,7 +125,7 @@ def save(
 def compact_files(
     checkpoint: Checkpoint, record: Record, replay: ReplayBuffer, index: int
 ) -> dict[str, bytes]:
-    """Returns the files, by role, of the compact state of a run with an index in its trainer.
+    """Returns the files, by role, of the compact state of a run with an index in its engine.
 
     Nothing was added to the replay buffer since the checkpoint, and the rows are committed.
     """

@@ -21,7 +21,7 @@ from jbench.settings.base import Settings
 from jbench.settings.run import RunSettings
 from jbench.store import Record
 from jbench.store.provenance import describe_changes, differences, process_provenance
-from jbench.training.engines import make_trainer
+from jbench.training.engines import make_engine
 
 RECOMPUTED = "recomputed"
 """Key of a note on where a run was continued: the rows that were computed again, and equal."""
@@ -100,7 +100,7 @@ def computed_again(
     All of them begin at the same row and have as many actions; see `can_share`.
     """
     header = kept[0].header
-    with make_trainer(runs, encoders, device) as engine:
+    with make_engine(runs, encoders, device) as engine:
         assert isinstance(engine, OffPolicyEngine)
         engine.repeat(
             header.episodes,

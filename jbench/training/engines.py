@@ -1,4 +1,4 @@
-"""What trains the agents of a batch of runs: jbench's engine, or a loop of others."""
+"""Makes the engine of a batch of runs: jbench's own, or a loop of others."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -6,12 +6,12 @@ from typing import Any
 
 from jbench.agents.algorithms import hyperparameters
 from jbench.agents.batched.engine import BatchedEngine
-from jbench.agents.batched.make import make_engine
+from jbench.agents.batched.make import make_batched_engine
 from jbench.agents.ending_environments import environments_class
+from jbench.agents.engine import Engine
 from jbench.agents.environments import Environments
 from jbench.agents.find import find_class
 from jbench.agents.plugin_engine import PluginEngine
-from jbench.agents.trainer import Trainer
 from jbench.closing import closed_on_error
 from jbench.cores import cores
 from jbench.devices import find_device
@@ -27,10 +27,10 @@ from jbench.tasks.task import Act
 from jbench.training.evaluation import derive_seeds
 
 
-def make_trainer(
+def make_engine(
     runs: Sequence[RunSettings], encoders: Sequence[Encoder | None], device: str
-) -> Trainer:
-    """Returns what trains an agent for each run, which may share a process; see `run_batch`.
+) -> Engine:
+    """Returns the engine that trains an agent for each run of a batch; see `run_batch`.
 
     Raises a RequestError if the device is unavailable, the algorithm is not installed or can't be
     made, or the task is not installed or has changed; a WorkError if the package of the algorithm
@@ -38,19 +38,19 @@ def make_trainer(
     """
     settings = runs[0]
     check_specs(settings.task, settings.specs, settings.accepted is not None)
-    return _TRAINERS[settings.engine](runs, encoders, device)
+    return _MAKERS[settings.engine](runs, encoders, device)
 
 
 def _batched(
     runs: Sequence[RunSettings], encoders: Sequence[Encoder | None], device: str
-) -> Trainer:
+) -> Engine:
     """Returns jbench's engine, which trains an algorithm of its own, or an update rule."""
     settings = runs[0]
     algorithm: Any = settings.algo if settings.algo in SETTINGS else find_class(settings.algo)
     values: Any = hyperparameters(settings)
     environments = _environments(runs, encoders, device)
     with closed_on_error(environments):
-        return make_engine(
+        return make_batched_engine(
             algorithm,
             values,
             environments,
@@ -61,9 +61,7 @@ def _batched(
         )
 
 
-def _plugin(
-    runs: Sequence[RunSettings], encoders: Sequence[Encoder | None], device: str
-) -> Trainer:
+def _plugin(runs: Sequence[RunSettings], encoders: Sequence[Encoder | None], device: str) -> Engine:
     """Returns the engine of the agent of another package, for one run."""
     (settings,) = runs
     kind = find_class(settings.algo)
@@ -82,7 +80,7 @@ def _plugin(
 
 def _stable_baselines3(
     runs: Sequence[RunSettings], encoders: Sequence[Encoder | None], device: str
-) -> Trainer:
+) -> Engine:
     """Returns the training loop of stable-baselines3, for one run; it is always on the CPU."""
     from jbench.training.sb3_engine import SB3Engine  # takes a second to import
 
@@ -91,12 +89,12 @@ def _stable_baselines3(
     return SB3Engine(settings, encoder, derive_seeds(settings.seed).agent)
 
 
-_TRAINERS: dict[EngineName, Callable[..., Trainer]] = {
+_MAKERS: dict[EngineName, Callable[..., Engine]] = {
     "batched": _batched,
     "plugin": _plugin,
     "sb3": _stable_baselines3,
 }
-"""What makes the trainer of runs, given their encoders and the device, by engine."""
+"""What makes the engine of runs, given their encoders and the device, by engine."""
 
 
 def _environments(
@@ -131,7 +129,7 @@ def acting_as_evaluated(
 
     assert isinstance(settings, RunSettings)
     # The products of the engine round differently from those of the copy.
-    with make_trainer([settings], [agent.encoder], device) as engine:
+    with make_engine([settings], [agent.encoder], device) as engine:
         assert isinstance(engine, BatchedEngine)
         engine.load_policy(0, agent.policy, control_steps)
         yield engine.act

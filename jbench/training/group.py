@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jbench.agents.engine import DivergedError
+from jbench.agents.divergence import DivergedError
 from jbench.agents.environments import Ends
 from jbench.errors import WorkError
 from jbench.names import KeepState
@@ -15,7 +15,7 @@ from jbench.tasks.worlds import EpisodeError
 from jbench.timing import part
 from jbench.training import evaluation
 from jbench.training.checkpoints import save
-from jbench.training.engines import make_trainer
+from jbench.training.engines import make_engine
 from jbench.training.events import EpisodeEnded, Note, Report
 from jbench.training.kept_state import kept_state
 from jbench.training.log import CommitTimer, ProcessorClock
@@ -50,7 +50,7 @@ class TrainingGroup:
 
         runs = [member.settings for member in members]
         encoders = [member.encoder for member in members]
-        self._engine = make_trainer(runs, encoders, device)
+        self._engine = make_engine(runs, encoders, device)
         if members[0].checkpoint is None:
             return
 

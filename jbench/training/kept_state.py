@@ -38,8 +38,8 @@ def kept_state(
         keep: what was asked for.
         record: of the run.
         checkpoint: its last one; None if it has no state.
-        replay: the replay buffers of the trainer, if there are any.
-        index: of the run in the trainer.
+        replay: the replay buffers of the engine, if there are any.
+        index: of the run in the engine.
     """
     if keep == "no":
         return KeptState()

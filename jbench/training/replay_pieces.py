@@ -53,7 +53,7 @@ def piece_file(piece: Piece, rows: Tensor) -> dict[str, bytes]:
 
 
 def first_piece(replay: ReplayBuffer, index: int) -> NewPiece:
-    """Returns a piece with all rows of the replay buffer of a run, by its index in the trainer."""
+    """Returns a piece with all rows of the replay buffer of a run, by its index in the engine."""
     piece = Piece(replay.oldest, replay.row)
     return NewPiece(piece_file(piece, replay.rows_since(index, piece.first)), ())
 
@@ -65,7 +65,7 @@ def next_piece(replay: ReplayBuffer, index: int, roles: Sequence[str]) -> NewPie
     neither this checkpoint nor the previous one needs a row.
 
     Args:
-        replay: of the trainer in which the run has the index.
+        replay: of the engine in which the run has the index.
         roles: of the files of the record.
     """
     pieces = pieces_among(roles)

@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from jbench.agents import sb3
-from jbench.agents.engine import AfterStep, DivergedError, divergent_loss
+from jbench.agents.divergence import DivergedError, divergent_loss
 from jbench.agents.environments import Ends, SeedState
 from jbench.agents.sb3_policies import copy_model
+from jbench.agents.training_loop import AfterStep
 from jbench.closing import closed_on_error, make_all
 from jbench.encoders import Encoder, on_observations
 from jbench.errors import RequestError
@@ -24,7 +25,7 @@ from jbench.training.evaluation import make_env
 
 
 class SB3Engine(AbstractContextManager["SB3Engine"]):
-    """A `Trainer` of one seed, without a state: such a run starts over."""
+    """An `Engine` of one seed, without a state: such a run starts over."""
 
     threads = 1
     replay = None
@@ -78,7 +79,7 @@ class SB3Engine(AbstractContextManager["SB3Engine"]):
         self._policy = None
 
     def has_made(self, steps: int) -> bool:
-        """See `Trainer.has_made`; the loop ends with a rollout."""
+        """See `Engine.has_made`; the loop ends with a rollout."""
         last = -(-steps // self._rollout) * self._rollout
         return self.control_steps >= last
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from jbench.agents.algorithms import hyperparameters
 from jbench.agents.batched.off_policy import OffPolicyEngine
-from jbench.agents.trainer import Trainer
+from jbench.agents.engine import Engine
 from jbench.cores import cores
 from jbench.errors import WorkError
 from jbench.settings.algorithms import AlgorithmSettings
@@ -19,7 +19,7 @@ from jbench.settings.engines import ENGINES
 from jbench.settings.run import RunSettings
 from jbench.tasks.find import find_task
 from jbench.tasks.task import Act
-from jbench.training.engines import make_trainer
+from jbench.training.engines import make_engine
 from jbench.training.evaluation import final_evaluation_episodes
 
 _STEPS = 300
@@ -66,7 +66,7 @@ def seconds_per_step(
     if ENGINES[settings.engine].has_one_stream:
         robots = 1
 
-    with make_trainer(measured, [None] * len(runs), device) as engine:
+    with make_engine(measured, [None] * len(runs), device) as engine:
         learning = _learning(engine, short, count, clock)
         pretraining = _pretraining(engine, settings, updates, clock)
         evaluated = len(runs) * stepping(settings, robots, engine.act, device=device, clock=clock)
@@ -84,7 +84,7 @@ def _shortened(run: RunSettings, short: Measurement) -> RunSettings:
 
 
 def _learning(
-    engine: Trainer, short: Measurement, environments: int, clock: Callable[[], float]
+    engine: Engine, short: Measurement, environments: int, clock: Callable[[], float]
 ) -> float:
     """Returns the seconds of a control step of all runs of a new engine while it learns."""
     before = 0
@@ -105,7 +105,7 @@ def _learning(
 
 
 def _pretraining(
-    engine: Trainer, settings: RunSettings, updates: int, clock: Callable[[], float]
+    engine: Engine, settings: RunSettings, updates: int, clock: Callable[[], float]
 ) -> float:
     """Returns the seconds per control step of all runs that updates of features alone take.
 

@@ -21,7 +21,8 @@ from tests.short_episodes import shorten_episodes
 
 def stack_seeds(set_attribute=setattr):
     """Makes engines compute their seeds in one stack on a CPU, too."""
-    set_attribute(engines, "make_engine", functools.partial(engines.make_engine, stacked=True))
+    stacked = functools.partial(engines.make_batched_engine, stacked=True)
+    set_attribute(engines, "make_batched_engine", stacked)
 
 
 def main(path, run, device, after, stacked=True):

@@ -11,10 +11,9 @@ import torch
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from jbench.agents import sb3
-from jbench.agents.batched.make import make_engine
+from jbench.agents.batched.make import make_batched_engine
 from jbench.agents.batched.off_policy import ActionNoise, OffPolicyEngine
-from jbench.agents.engine import SeedState
-from jbench.agents.environments import Environments, Generators
+from jbench.agents.environments import Environments, Generators, SeedState
 from jbench.agents.memory import memory_error
 from jbench.errors import RequestError, WorkError
 from jbench.policies.network import SavedNetwork
@@ -60,12 +59,12 @@ def build_engine(algo, seeds, *, task="face_direction", changes=None, **options)
 def short_engine(
     algo, settings, task, seeds, environments=None, encoder=None, device="cpu", **options
 ):
-    """An engine with short episodes; `options` are of `Environments` and `make_engine`."""
+    """An engine with short episodes; `options` are of `Environments` and `make_batched_engine`."""
     about = {name: options.pop(name) for name in ("augment", "episode_steps") if name in options}
     encoders = encoder if isinstance(encoder, list) else [encoder] * len(seeds)
     count = environments or getattr(settings, "n_envs", 1)
     robots = Environments(task, seeds, count, encoders, **{"episode_steps": LENGTH, **about})
-    return make_engine(algo, settings, robots, device=torch.device(device), **options)
+    return make_batched_engine(algo, settings, robots, device=torch.device(device), **options)
 
 
 def trajectory(engine, index, steps=STEPS):

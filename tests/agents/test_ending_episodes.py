@@ -6,7 +6,7 @@ import torch
 from stable_baselines3.common.buffers import ReplayBuffer, RolloutBuffer
 from stable_baselines3.common.type_aliases import ReplayBufferSamples
 
-from jbench.agents.batched.make import make_engine
+from jbench.agents.batched.make import make_batched_engine
 from jbench.agents.batched.on_policy import write_advantages
 from jbench.agents.batched.pair_buffer import PairBuffer
 from jbench.agents.batched.ppo import Transitions
@@ -176,7 +176,7 @@ def test_advantages_where_environments_end_at_different_steps():
 def build_engine(algo, changes, seeds=(0,), count=1, **options):
     settings = algorithm_settings(algo, "suite", changes)
     robots = environments_class(LEAVES)(LEAVES, seeds, count)
-    return make_engine(algo, settings, robots, **options)
+    return make_batched_engine(algo, settings, robots, **options)
 
 
 def test_missing_rewards_are_added_where_an_episode_is_truncated():

@@ -6,7 +6,7 @@ import pytest
 import torch
 from stable_baselines3.common.buffers import ReplayBuffer, RolloutBuffer
 
-from jbench.agents.batched.make import make_engine
+from jbench.agents.batched.make import make_batched_engine
 from jbench.agents.batched.on_policy import write_advantages
 from jbench.agents.batched.ppo import Transitions
 from jbench.agents.batched.replay import Batch
@@ -31,7 +31,7 @@ def collected(algo, task, seed):
     """Returns the replay buffer of an engine that has not learned yet."""
     changes = {"learning_starts": 10_000, "buffer_size": STEPS}
     settings = algorithm_settings(algo, "suite", changes)
-    with make_engine(algo, settings, environments_class(task)(task, [seed], 1)) as engine:
+    with make_batched_engine(algo, settings, environments_class(task)(task, [seed], 1)) as engine:
         for _ in engine.learn(STEPS):
             pass
         return engine.replay
@@ -176,7 +176,7 @@ def test_advantages_of_a_rollout_equal_those_of_stable_baselines3(task, seed, mo
     """In float32, of rewards of the order of 10, and returns of up to 1000."""
     steps = {"n_envs": 1, "n_steps": STEPS, "batch_size": STEPS}
     settings = build_settings("ppo", **steps)
-    with make_engine("ppo", settings, environments_class(task)(task, [seed], 1)) as engine:
+    with make_batched_engine("ppo", settings, environments_class(task)(task, [seed], 1)) as engine:
         observed, action_size = engine.environments.size, engine.environments.action_size
         agent = build_oracle("ppo", settings, torch.float32, monkeypatch, action_size, observed)
         for ours, theirs in parameters("ppo", agent, engine.learners[0]).values():

@@ -7,7 +7,7 @@ import pytest
 import safetensors.torch
 
 import jbench.training.engines
-from jbench.agents.engine import DivergedError
+from jbench.agents.divergence import DivergedError
 from jbench.store import Results
 from jbench.training.batched_run import run_batch
 from tests.short_episodes import EPISODE
@@ -32,13 +32,13 @@ def diverging(algo, **changes):
 @pytest.fixture
 def engines(monkeypatch):
     """The engines in the order of their creation."""
-    made, make = [], jbench.training.engines.make_engine
+    made, make = [], jbench.training.engines.make_batched_engine
 
     def remembered(*arguments, **options):
         made.append(make(*arguments, **options))
         return made[-1]
 
-    monkeypatch.setattr(jbench.training.engines, "make_engine", remembered)
+    monkeypatch.setattr(jbench.training.engines, "make_batched_engine", remembered)
     return made
 
 

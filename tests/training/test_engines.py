@@ -1,11 +1,11 @@
-"""Tests of what makes trainers: robots are closed if an agent or another one can't be made."""
+"""Tests of how engines are made: robots are closed if an agent or another one can't be made."""
 
 import pytest
 
 import jbench
 from jbench.errors import RequestError, WorkError
 from jbench.store import Results
-from jbench.training.engines import make_trainer
+from jbench.training.engines import make_engine
 from jbench.training.request import request_runs
 from tests.drawn_gym_tasks import Licensed
 from tests.gym_tasks import EPISODE
@@ -46,7 +46,7 @@ def licensed_run(results, algo, overrides, **fields):
 def test_robots_of_an_agent_that_cannot_be_made_are_closed(tmp_path):
     run = licensed_run(tmp_path, f"{__name__}:LacksFile", {}, parallel=2)
     with pytest.raises(WorkError, match="FileNotFoundError: weights"):
-        make_trainer([run], [None], "cpu")
+        make_engine([run], [None], "cpu")
     assert Licensed.taken == 0
 
 
@@ -55,5 +55,5 @@ def test_robots_before_one_that_cannot_be_made_are_closed(tmp_path, engine):
     overrides = {"n_envs": 3, "n_steps": EPISODE, "batch_size": EPISODE}
     run = licensed_run(tmp_path, "ppo", overrides, engine=engine)
     with pytest.raises(RequestError, match="no license is free"):
-        make_trainer([run], [None], "cpu")
+        make_engine([run], [None], "cpu")
     assert Licensed.taken == 0

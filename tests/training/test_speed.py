@@ -8,7 +8,7 @@ from jbench.settings.records import OFESettings
 from jbench.store import Results
 from jbench.training import speed
 from jbench.training.batched_run import run_batch
-from jbench.training.engines import make_trainer
+from jbench.training.engines import make_engine
 from jbench.training.speed import evaluation_steps, learning_share, seconds_per_step, stepping
 from tests.short_episodes import EPISODE
 from tests.training.small_runs import rows, small_run
@@ -69,10 +69,10 @@ def test_speed_is_measured_with_the_updates_of_a_run(
     made = []
 
     def make_and_keep(*arguments):
-        made.append(make_trainer(*arguments))
+        made.append(make_engine(*arguments))
         return made[-1]
 
-    monkeypatch.setattr(speed, "make_trainer", make_and_keep)
+    monkeypatch.setattr(speed, "make_engine", make_and_keep)
     monkeypatch.setattr(speed, "_STEPS", 10)  # of the robots without an agent
     # A clock that counts updates.
     counted = seconds_per_step([run], clock=lambda: made[0].updates if made else 0)

@@ -13,8 +13,9 @@ from jbench.agents.batched.graphs import Captured
 from jbench.agents.batched.learner import LOSS_SUMS, Learner
 from jbench.agents.batched.normalize import running_statistics
 from jbench.agents.batched.tensors import Tensors
-from jbench.agents.engine import Engine, divergent_loss
+from jbench.agents.divergence import divergent_loss
 from jbench.agents.environments import Environments, Generators, SeedState, under
+from jbench.agents.training_loop import TrainingLoop
 from jbench.names import TimeLimit
 from jbench.policies.network import SavedNetwork
 from jbench.settings.algorithms import AlgorithmSettings
@@ -54,7 +55,7 @@ class _Call(NamedTuple):
     shapes: tuple[torch.Size, ...]  # of its inputs
 
 
-class BatchedEngine(Engine, Generic[_Learner]):
+class BatchedEngine(TrainingLoop, Generic[_Learner]):
     """Trains a learner per seed; those of a stack are also one learner on the same tensors."""
 
     updates: int
@@ -212,12 +213,12 @@ class BatchedEngine(Engine, Generic[_Learner]):
         self._outputs[call] = call.output(self._stack, *self._inputs[call])
 
     def _act(self, inputs: Tensor) -> NDArray[np.floating]:
-        """See `Engine._act`."""
+        """See `TrainingLoop._act`."""
         actions: NDArray[np.float32] = self._run(act, inputs).float().numpy()
         return actions
 
     def _explore_actions(self, observations: Tensor) -> NDArray[np.floating]:
-        """See `Engine._explore_actions`; the observations are counted for the statistics."""
+        """See `TrainingLoop._explore_actions`; the observations are counted for the statistics."""
         if self._statistics is not None:
             self._statistics.add(observations)
         return self._explore(observations)
@@ -249,7 +250,7 @@ class BatchedEngine(Engine, Generic[_Learner]):
 
     @abstractmethod
     def _explore(self, observations: Tensor) -> NDArray[np.floating]:
-        """See `Engine._explore_actions`; the observations are not standardized."""
+        """See `TrainingLoop._explore_actions`; the observations are not standardized."""
 
     @abstractmethod
     def _update(self) -> None:

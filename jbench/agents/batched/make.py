@@ -16,9 +16,9 @@ from jbench.agents.batched.on_policy import OnPolicyEngine
 from jbench.agents.batched.replay import Batch
 from jbench.agents.batched.rule import Rule, make_rule, mean_actor, parameter_names
 from jbench.agents.batched.tensors import Tensors
-from jbench.agents.engine import CPU
 from jbench.agents.environments import Environments
 from jbench.agents.memory import memory_error
+from jbench.agents.training_loop import CPU
 from jbench.devices import check_precision
 from jbench.errors import ERRORS_OF_OTHERS, WorkError, sentence_of_failure
 from jbench.names import Precision, TimeLimit
@@ -27,7 +27,7 @@ from jbench.settings.algorithms import SETTINGS, AlgorithmSettings, OffPolicySet
 from jbench.settings.records import OFESettings
 
 
-def make_engine(
+def make_batched_engine(
     algo: str | type[Rule],
     settings: AlgorithmSettings,
     environments: Environments,

@@ -113,7 +113,7 @@ class OffPolicyEngine(BatchedEngine[OffPolicyLearner[Any]]):
         self.replay.begin(self.environments.observations)
 
     def _truncate(self, step: StepResult) -> None:
-        """See `Engine._truncate`."""
+        """See `TrainingLoop._truncate`."""
         # The value of the last observation stands for the missing rewards anyway.
         assert step.ends is not None
         self._begin_episodes(step.ends)

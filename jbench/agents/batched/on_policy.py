@@ -64,7 +64,7 @@ class OnPolicyEngine(BatchedEngine[PPOLearner]):
         return torch.where(truncated, self._settings.gamma * values, 0.0)
 
     def _truncate(self, step: StepResult) -> None:
-        """See `Engine._truncate`."""
+        """See `TrainingLoop._truncate`."""
         assert step.ends is not None
         newest = self._collected - 1
         self._rollout.rewards[:, :, newest, 0] += self._missing_rewards(step)

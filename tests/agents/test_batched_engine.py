@@ -341,6 +341,16 @@ def test_first_actions_of_ddpg_are_those_of_its_policy():
         assert taken == pytest.approx(float(engine.policy(0).act(observation)[0, 0]), abs=1e-6)
 
 
+def test_stored_actions_with_noise_are_within_the_limits():
+    changes = {"noise_sigma": 5.0, "uniform_warmup": False, "learning_starts": 1000}
+    with build_engine("td3", [0], changes=changes) as engine:
+        list(engine.learn(LENGTH))
+        actions = engine.replay.rows_since(0)[0, :LENGTH, -2]
+    assert actions.abs().max() == 1
+    # Noise with a standard deviation of 5 is within the limits in a sixth of the control steps.
+    assert (actions.abs() == 1).sum() > LENGTH / 2
+
+
 def test_each_motor_explores_by_itself():
     changes = {"learning_starts": 1000, "buffer_size": 1000, "train_freq": 10}
     for uniform, deviation in ((True, 3**-0.5), (False, 0.3)):

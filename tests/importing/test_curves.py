@@ -5,7 +5,7 @@ import json
 import pandas as pd
 import pytest
 
-from jbench.importing.curves import as_runs, to_json
+from jbench.importing.curves import as_imports, as_runs, to_json
 
 PROVENANCE = {"jbench": "0.1.0", "command": ["jbench", "import"], "host": "turing"}
 """Of which the machine's name is not that of the training."""
@@ -99,6 +99,21 @@ def test_points_of_logs_are_said_to_be_values_that_need_not_be_returns(format, n
     assert imported.notes[0].startswith(f"1 imported curve ({format}) is not verified: ")
     assert len(imported.notes) == notes
     assert runs_of({"status": "unfinished"}).notes == []
+
+
+def test_curves_of_a_file_are_imports_with_their_number_of_points():
+    rows = [("walk", "A", 0, 1000, 5.0), ("walk", "A", 0, 2500, 6.0), ("walk", "A", 1, 1000, 7.0)]
+    points = pd.DataFrame(rows, columns=["task", "method", "seed", "steps", "return"])
+    imports, numbered = as_imports(points, "evaluation")
+    assert imports[["algo", "seed", "returns", "points", "control_steps"]].to_numpy().tolist() == [
+        ["A", 0, "evaluation", 2, 2500],
+        ["A", 1, "evaluation", 1, 1000],
+    ]
+    assert numbered["point"].tolist() == [0, 1, 0]
+    assert returns_of(as_runs(imports, numbered), "evaluations") == {
+        "curve 1": [5, 6],
+        "curve 2": [7],
+    }
 
 
 def test_json_has_the_returns_of_each_seed_by_millions_of_control_steps():

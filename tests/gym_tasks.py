@@ -98,6 +98,12 @@ class Pixels(Cart):
     observation_space = spaces.Box(0, 255, (8, 8, 3), np.uint8)
 
 
+class ScaledPixels(Cart):
+    observation_space = spaces.Dict(
+        {"cart": NUMBERS, "eye": spaces.Box(0, 1, (3, 16, 20), np.float32)}
+    )
+
+
 class Counts(Cart):
     observation_space = spaces.Dict({"cart": NUMBERS, "gear": spaces.Discrete(4)})
 
@@ -108,8 +114,8 @@ def limited(kind):
 
 cart, falls, leaves, drifts, wakes = map(limited, (Cart, Falls, Leaves, Drifts, Wakes))
 clocked = limited(Clocked)
-huge_reward, discrete, unbounded, pixels, counts = map(
-    limited, (HugeReward, Discrete, Unbounded, Pixels, Counts)
+huge_reward, discrete, unbounded, pixels, scaled_pixels, counts = map(
+    limited, (HugeReward, Discrete, Unbounded, Pixels, ScaledPixels, Counts)
 )
 
 

@@ -56,6 +56,11 @@ def nothing_observed():
     return _made(lambda data: {"sensors": data.sensordata.copy()})
 
 
+def drawn():
+    """A robot that also observes a picture of scaled numbers."""
+    return _made(lambda data: {"q": data.qpos.copy(), "eye": np.zeros((16, 16, 3))})
+
+
 def two_cases():
     """Two parts of its observation differ in upper and lower case only."""
     return _made(lambda data: {"q": data.qpos.copy(), "Q": data.qvel.copy()})

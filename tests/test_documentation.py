@@ -20,6 +20,7 @@ from typer.main import get_command
 
 import jbench
 from jbench import paper
+from jbench.archive import croissant
 from jbench.cli import app
 from jbench.datasets import Dataset
 from jbench.report import page
@@ -228,6 +229,10 @@ def test_citation_file_names_newest_release():
     released = f"## {cited['version']} ({cited['date-released']})"
     assert f"\n{released}\n" in (ROOT / "CHANGELOG.md").read_text()
     assert cited["version"] == jbench.__version__
+    year = cited["date-released"].year
+    (software,) = re.findall(r"@software\{.*?\n\}", (ROOT / "README.md").read_text(), re.DOTALL)
+    assert f"year    = {{{year}}}" in software
+    assert f". {year}. " in croissant._CITE
 
 
 def test_pages_for_language_models_exist():

@@ -25,9 +25,9 @@ LICENSE = "https://creativecommons.org/licenses/by/4.0/"
 _PAPERS_TABLE = "published"  # whose source is the paper
 
 _CITE = (
-    "The jbench developers. jbench: the Jitterbug problem as a benchmark. Augot, Snoswell, Singh: "
-    "A Reduced-Order Approach to Assist with Reinforcement Learning for Underactuated Robotics. "
-    "ACRA 2020."
+    "The jbench developers. jbench: the Jitterbug problem as a benchmark. 2026. Augot, Snoswell, "
+    "Singh: A Reduced-Order Approach to Assist with Reinforcement Learning for Underactuated "
+    "Robotics. ACRA 2020."
 )
 
 _RESPONSIBLE = {

@@ -17,6 +17,9 @@ from jbench.errors import ERRORS_OF_OTHERS, sentence_of_failure
 _MOST_MEASURED = 100_000
 """Most control steps that are made to find a time limit that an environment does not say."""
 
+_LEAST_PIXELS = 16
+"""Height and width from which on an array with three axes is taken for a picture."""
+
 _UNBOUNDED = 1e9  # dm_control writes 1e10 for an actuator without limits
 
 
@@ -67,6 +70,7 @@ def _sizes_of_parts(environment: Any) -> dict[str, int]:
                     f"its observation {name} is a dictionary, not an array; return one dictionary "
                     "of named arrays"
                 )
+            check_is_no_picture(f"its observation {name}", part)
 
         return {name: math.prod(part.shape) for name, part in spec.items()}
     except UnusableError:
@@ -77,6 +81,25 @@ def _sizes_of_parts(environment: Any) -> dict[str, int]:
             reason = f"its observation_spec fails ({sentence_of_failure(error)})"
             raise UnusableError(reason) from error
         return sizes
+
+
+def check_is_no_picture(subject: str, part: Any) -> None:
+    """Raises an UnusableError if a part of an observation is a picture, of bytes or scaled.
+
+    Args:
+        subject: what the part is called.
+        part: a specification with `shape`, and usually `dtype`.
+    """
+    is_picture = getattr(part, "dtype", None) == np.uint8 and len(part.shape) > 1
+    if len(part.shape) > 2:  # with colors, or of several times
+        *_, height_or_width, _ = sorted(part.shape)
+        is_picture |= height_or_width >= _LEAST_PIXELS
+
+    if is_picture:
+        raise UnusableError(
+            f"{subject} is a picture of shape {part.shape}, and jbench takes a few "
+            "numbers; give it an observation of positions and velocities"
+        )
 
 
 def _sizes_without_arrays(environment: Any) -> dict[str, int] | None:

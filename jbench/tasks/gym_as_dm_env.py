@@ -18,7 +18,7 @@ from gymnasium import spaces
 from gymnasium.wrappers import NormalizeObservation, NormalizeReward, TimeLimit
 from numpy.typing import NDArray
 
-from jbench.tasks.environment_specification import UnusableError
+from jbench.tasks.environment_specification import UnusableError, check_is_no_picture
 
 _ONLY_PART = "observation"
 """Name of an observation that has no named parts."""
@@ -252,8 +252,4 @@ def _check_part(name: str, space: spaces.Space[Any]) -> None:
         raise UnusableError(
             f"{subject} is {type(space).__name__}, and jbench takes real numbers; {advice}"
         )
-    if space.dtype == np.uint8 and len(space.shape) > 1:
-        raise UnusableError(
-            f"{subject} is a picture of shape {space.shape}, and jbench takes a few "
-            "numbers; give it an observation of positions and velocities"
-        )
+    check_is_no_picture(subject, space)

@@ -30,6 +30,7 @@ ENDLESS = f"gym:{MISTAKEN}:lab/Endless-v0"
         (f"{LAB}:discrete", "its actions are Discrete, and jbench trains on motors"),
         (f"{LAB}:unbounded", r"its action 0 is in \[-inf, inf\]; give it two different finite"),
         (f"{LAB}:pixels", r"its observation is a picture of shape \(8, 8, 3\)"),
+        (f"{LAB}:scaled_pixels", r"its observation eye is a picture of shape \(3, 16, 20\)"),
         (f"{LAB}:counts", "its observation gear is Discrete, and jbench takes real numbers"),
         (
             f"{MISTAKEN}:GoesOn",

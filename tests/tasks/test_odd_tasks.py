@@ -26,6 +26,11 @@ ODD = "tests.odd_tasks"
             "a dataset of it would have the columns q and Q, which SQL takes for one; rename that "
             "part of its observation.",
         ),
+        (
+            "drawn",
+            "its observation eye is a picture of shape (16, 16, 3), and jbench takes a few "
+            "numbers; give it an observation of positions and velocities.",
+        ),
         ("TimestepInText", "its control_timestep is '0.01', not a number of seconds."),
         (
             "Nested",

@@ -21,8 +21,11 @@ RELABELINGS_OF_TEN_SEEDS = 184_756
 """Relabelings of a test: all of two times ten seeds; of more seeds, a random sample."""
 
 
-def p_value(ours: Strata, theirs: Strata) -> float:
+def p_value(ours: Strata, theirs: Strata, confirmed: float = 0.0) -> float:
     """Returns the two-sided p-value of a difference of means; 1 if a score is not finite.
+
+    It is also 1 if the difference of means has another sign than the number that it should confirm:
+    with many failed seeds, a configuration has the lower mean, but the higher interquartile mean.
 
     The statistic is that of the sequential test. With two times six seeds, the interquartile mean
     would tell fewer relabelings apart. On several tasks, the differences are averaged. On one task,
@@ -31,12 +34,16 @@ def p_value(ours: Strata, theirs: Strata) -> float:
 
     Args:
         ours, theirs: scores (seeds,) by task. Seeds are exchanged within a task only.
+        confirmed: a number that compares the same scores, ours minus theirs; 0 if none does.
     """
     scores = np.concatenate([*ours, *theirs])
     if not np.isfinite(scores).all():
         return 1.0
 
     observed = sum(x.mean() - y.mean() for x, y in zip(ours, theirs, strict=True))
+    if observed * confirmed < 0:
+        return 1.0
+
     least = abs(observed) - ROUNDING * np.abs(scores).max()
     if len(ours) == 1 and math.comb(len(scores), len(ours[0])) <= RELABELINGS_OF_TEN_SEEDS:
         # Of all relabelings, the order of the scores does not matter.

@@ -17,6 +17,7 @@ from jbench.report.headline import headline
 from jbench.report.reading import use_margin
 from jbench.report.request import Request
 from jbench.settings.algorithms import algorithm_settings
+from jbench.statistics import permutation
 from jbench.statistics.bootstrap import Estimate
 from jbench.statistics.verdicts import Evidence
 from jbench.studies.quantities import FINAL_RETURN
@@ -182,6 +183,18 @@ def test_permutation_test_confirms_a_verdict(fabric):
     assert row["corrected_low"] > 0
     assert row["verdict"] == "undecided"
     assert row["text"].endswith("; p = 0.0022, too large for a verdict")
+
+
+@pytest.mark.slow
+def test_failed_seeds_that_lower_the_mean_do_not_confirm_a_higher_interquartile_mean(
+    fabric, monkeypatch
+):
+    monkeypatch.setattr(permutation, "RELABELINGS_OF_TEN_SEEDS", 2000)
+    # All eight failures are on one side by chance in 2 (60 over 8) / (120 over 8) = 0.6% of cases.
+    failing = [860.0] * 52 + [0.0] * 8
+    learn(fabric, {"full": [800.0] * 60, "planar12": failing})
+    row = verdicts(fabric)["planar", "full", "a"]
+    assert (row["value"], row["low"], row["verdict"]) == (60, 60, "undecided")
 
 
 def test_listed_comparison_has_the_verdict_of_the_sequential_test(fabric):

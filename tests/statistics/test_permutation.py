@@ -65,6 +65,17 @@ def test_seeds_are_exchanged_within_tasks_only():
     assert p_value(ours, theirs) == pytest.approx(expected, abs=4 * error)
 
 
+def test_a_difference_of_means_confirms_no_number_of_another_sign():
+    # Of twenty seeds five fail: the interquartile mean is higher by 20, the mean lower by 210.
+    ours = np.r_[np.full(5, -110.0), np.full(15, 820.0)]
+    theirs = np.full(20, 800.0)
+    assert stats.trim_mean(ours, 0.25) - 800 == 20
+    # All failed ones are on one side in 2 (20 over 5) / (40 over 5) divisions, which are sampled.
+    assert p_value([ours], [theirs]) == pytest.approx(2 * 15_504 / 658_008, abs=0.003)
+    assert p_value([ours], [theirs], -212.5) == p_value([ours], [theirs])
+    assert p_value([ours], [theirs], 20.0) == 1.0
+
+
 def test_scores_that_are_not_finite_decide_nothing():
     low = np.arange(6.0)
     assert p_value([np.append(low[:5], np.inf) + 100], [low]) == 1.0

@@ -102,12 +102,15 @@ def _compared(pairs: Sequence[Pair], known: Mapping[str, Range]) -> Comparison:
     for statistic, columns in _NUMBERS.items():
         names |= zip(columns, samples[statistic].estimate(), strict=False)
 
+    sample = samples[IQM_DIFFERENCE]
+
     @cache
     def p_of_difference(shift: float) -> float:
-        return p_value([scores + shift for scores in first], other)
+        shifted = [scores + shift for scores in first]
+        return p_value(shifted, other, sample.value + shift)
 
     evidence = Evidence(
-        samples[IQM_DIFFERENCE].estimate,
+        sample.estimate,
         p_of_difference,
         seeds=min(pair.seeds for pair in pairs),
         margin=ours.margin if len(pairs) == 1 else 0.0,  # scaled scores have none

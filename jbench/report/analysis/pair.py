@@ -74,7 +74,7 @@ class Pair:
 
         @cache
         def p_of_shifted(shift: float) -> float:
-            return p_value([ours + shift], [theirs])
+            return p_value([ours + shift], [theirs], sample.value + shift)
 
         return Evidence(sample.estimate, p_of_shifted, self.seeds, margin)
 
@@ -85,14 +85,14 @@ class Pair:
         failed seed moves less than a variance (M. B. Brown, A. B. Forsythe, *Robust tests for the
         equality of variances*, J. Am. Stat. Assoc. 69, 1974).
         """
+        agents, others = (side.agents for side in self._alone)
+        estimate = partial(deviation_difference, agents, others)
 
         @cache
         def p_of_difference(_: float) -> float:
             ours, theirs = (np.abs(final - np.median(final)) for final in self.finals)
-            return p_value([ours], [theirs])
+            return p_value([ours], [theirs], estimate().value)
 
-        ours, theirs = (side.agents for side in self._alone)
-        estimate = partial(deviation_difference, ours, theirs)
         return Evidence(estimate, p_of_difference, self.seeds)
 
     def improvement(self) -> Evidence:

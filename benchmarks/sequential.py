@@ -3,6 +3,8 @@
 Simulates the seeds of configurations, normally distributed with the same standard deviation, and
 tests them after each block of five, as `jbench sweep --until-decided` does. Prints
 
+- for two configurations with equal means, how often one is found to be better, also if their
+  distributions differ otherwise;
 - for comparisons with the same baseline, how often one or more decisions are wrong, and how many of
   the differences are found, with Bonferroni's equal rates and with the step-down procedure;
 - how often a shift is found and the mean number of seeds, undecided comparisons included;
@@ -14,16 +16,55 @@ import time
 
 import numpy as np
 
+from jbench.array_types import FloatArray
 from jbench.statistics import sequential
 from jbench.statistics.step_down import step_down
-from jbench.statistics.verdicts import ERROR_RATE, Verdict
+from jbench.statistics.verdicts import DIRECTIONS, ERROR_RATE, Verdict
 from jbench.studies.quantities import MARGIN
 
 SHIFTS = (0.0, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0)  # standard deviations
 SPREADS = (25.0, 35.0, 50.0, 75.0, 100.0)  # standard deviation in returns
 FAMILIES = ((0.0,) * 8, (4.0,) * 4 + (0.0,) * 4, (4.0,) * 4 + (1.5,) * 4, (4.0,) * 7 + (1.5,))
 SIGNS = {"larger": 1, "smaller": -1, "equal": 0, "undecided": 0}
+FAILURES = 1 / 7  # share of the agents of a configuration
+LOSS = 13.0  # of a failed agent, in standard deviations of the others
+PLANNED = (1, 2, 6)  # analyses
 AT_A_TIME = 50  # repetitions: 60 MB for each array
+
+
+def agents(kind: str, seeds: int, random: np.random.Generator) -> FloatArray:
+    """Returns agents (repetitions, seeds) with a mean of 0, as a kind distributes them."""
+    drawn = random.normal(size=(AT_A_TIME, seeds))
+    if kind == "varying":
+        return 4 * drawn
+    if kind == "failing":
+        failed = random.random(drawn.shape) < FAILURES
+        return drawn + LOSS * FAILURES - LOSS * failed
+
+    return drawn
+
+
+def wrong_decisions(kinds: tuple[str, str], analyses: int, arguments: argparse.Namespace) -> float:
+    """Returns how often one of two kinds of agents with equal means is found to be better."""
+    random = np.random.default_rng(0)
+    found = []
+    for _ in range(0, arguments.repetitions, AT_A_TIME):
+        ours, theirs = (agents(kind, analyses * sequential.BLOCK, random) for kind in kinds)
+        decided = [
+            sequential.decided_at(
+                verdict,
+                ours,
+                theirs,
+                0,
+                ERROR_RATE,
+                analyses,
+                relabelings=arguments.relabelings,
+            )
+            for verdict in DIRECTIONS
+        ]
+        found.append(np.any(decided, axis=0))
+
+    return float(np.mean(found))
 
 
 def simulate(
@@ -124,7 +165,12 @@ def main() -> None:
     parser.add_argument("--relabelings", type=int, default=20_000)
     arguments = parser.parse_args()
     began = time.monotonic()
-    print("shifts of comparisons with one baseline   procedure   wrong   found   smallest found")
+    print("equal means   planned analyses   wrong")
+    for kinds in (("normal", "normal"), ("normal", "varying"), ("normal", "failing")):
+        for analyses in PLANNED:
+            wrong = wrong_decisions(kinds, analyses, arguments)
+            print(f"{' and '.join(kinds):20}  {analyses}   {wrong:6.3f}", flush=True)
+    print("\nshifts of comparisons with one baseline   procedure   wrong   found   smallest found")
     for shifts in FAMILIES:
         for name, numbers in simulate_family(shifts, arguments.repetitions).items():
             texts = "   ".join(f"{number:6.3f}" for number in numbers)

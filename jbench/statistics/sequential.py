@@ -13,8 +13,9 @@ Statist. Soc. B 51, 1989), on which decisions are based.
 
 If the distributions of two configurations differ only in a shift, the intervals of all analyses
 contain that shift with probability 1 - error rate. For distributions that differ in more than a
-shift this holds approximately, since both have equally many seeds in each block. `step_down`
-divides the error rate of several comparisons.
+shift this holds approximately, since both have equally many seeds in each block; but not if seeds
+of only one side fail, and rarely (docs/deciding.md). `step_down` divides the error rate of several
+comparisons.
 """
 
 import itertools

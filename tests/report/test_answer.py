@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from scipy.stats import trim_mean
+from scipy.stats import trim_mean, ttest_ind
 
 import jbench
 from jbench.report.data.untrained import (
@@ -618,6 +618,23 @@ def test_what_the_agents_of_figure_7_learn(evaluated):
     table_1, table_1_latents, figure_7, figure_7_latents = medians
     assert f"its median is {table_1} with the settings of Table 1 and {figure_7} with" in page
     assert f"the median with latents is {table_1_latents} and {figure_7_latents}." in page
+
+
+def test_the_agents_of_figure_7_vary_differently_over_the_run(evaluated):
+    *_, full, latents = (
+        np.array([means.mean() for means in evaluated("ddpg", TASKS[0], *agents).values()])
+        for agents in FIGURE_7
+    )
+    deviations = "{:.0f} with the latents and {:.0f} without".format(
+        *(side.std(ddof=1) for side in (latents, full))
+    )
+    welch = ttest_ind(latents, full, equal_var=False).pvalue
+    decision = decided(TASKS[0], "dae12-script", "raw", "c")
+    page = text_of("answer")
+    assert f"(standard deviations of {deviations}), so" in page
+    # After ten of ten planned seeds, the whole share is spent.
+    share = f"this comparison's share of the error rate is {decision.spent:.4f}."
+    assert f"Welch's test has p = {welch:.3f}, and {share}" in page
 
 
 def test_comparisons_of_the_agents_of_figure_7():

@@ -9,7 +9,7 @@ its manifest has its status. Several sweeps of a matrix thus share the work, als
 import queue
 import time
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
@@ -21,9 +21,9 @@ from jbench.store.files import make_directory
 from jbench.store.follow import POLL_SECONDS
 from jbench.sweeps.batches import batches
 from jbench.sweeps.cell import Cell, all_runs, with_runs
-from jbench.sweeps.cell_status import cell_statuses, forecast, memory_sentence
 from jbench.sweeps.cluster import Ray
 from jbench.sweeps.executors import Local
+from jbench.sweeps.forecasts import forecasts
 from jbench.sweeps.preparation import prepare
 from jbench.tasks.find import checked_task
 from jbench.tasks.task import DOES_NOT_REPEAT
@@ -132,16 +132,6 @@ def sweep(
         pool.shutdown(wait=False, cancel_futures=True)
         executor.stop()
         pool.shutdown()
-
-
-def forecasts(cells: Sequence[Cell], results: Results, local: Local) -> Iterator[str]:
-    """Yields sentences on the memory and time that cells need on this machine, if known."""
-    device = local.device
-    waiting = batches(all_runs(cells), local.jobs, device)
-    jobs = min(local.jobs, len(waiting))
-    statuses = cell_statuses(cells, results, jobs, device, final_episodes=local.final_episodes)
-    memory = memory_sentence([run for batch in waiting[:jobs] for run in batch], device)
-    yield from filter(None, (memory, forecast(statuses, jobs)))
 
 
 @dataclass(frozen=True)

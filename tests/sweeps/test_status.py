@@ -8,9 +8,9 @@ from jbench.errors import WorkError
 from jbench.store import Results, locks
 from jbench.studies.matrix import read_matrix
 from jbench.sweeps.cell import Cell, matrix_cells
-from jbench.sweeps.cell_status import CellStatus, cell_statuses, forecast, seconds_left
+from jbench.sweeps.cell_status import CellStatus, cell_statuses, seconds_left
 from jbench.sweeps.executors import Local
-from jbench.sweeps.scheduler import forecasts
+from jbench.sweeps.forecasts import forecasts, time_sentence
 from jbench.tasks.find import find_task
 from jbench.training import speed
 from jbench.training.status import failures_among, record_failure, run_status, run_statuses
@@ -245,18 +245,18 @@ def test_forecast_sums_steps_and_time_over_cells(tmp_path):
     # Two cells of 20,000 steps, each 40 s on 2 processes: 500 steps/s, 80 s.
     cells = [Cell("face_direction", run.algo, "full", [run], "published") for run in runs[1:3]]
     statuses = [CellStatus(cell, 0, 1, 0, 0, 20_000, 80.0, "measured runs") for cell in cells]
-    assert forecast(statuses, 2) == (
+    assert time_sentence(statuses, 2) == (
         "This takes about 1 min 20 s: 2 runs, 40,000 control steps at 500 steps/s, 2 processes at "
         "a time."
     )
     # 60% and 50% of the same time are 55%.
     shares = zip(statuses, (0.6, 0.5), strict=True)
     evaluating = [status._replace(evaluating=share) for status, share in shares]
-    assert forecast(evaluating, 2).endswith(
+    assert time_sentence(evaluating, 2).endswith(
         "time. Evaluations take most of it; fewer --evaluate-episodes (in a matrix file, the key "
         "episodes of [evaluation]) make them shorter."
     )
-    assert forecast([statuses[0]._replace(seconds_left=None)], 2) is None
+    assert time_sentence([statuses[0]._replace(seconds_left=None)], 2) is None
 
 
 def test_long_forecast_names_options_that_shorten_it(tmp_path):
@@ -271,7 +271,7 @@ def test_long_forecast_names_options_that_shorten_it(tmp_path):
         700.0,
         "measured runs",
     )
-    sentence = forecast([status], 2)
+    sentence = time_sentence([status], 2)
     # Four seeds share the two processes, so the sweep takes the 700 s of the cell.
     assert "at 2,286 steps/s" in sentence
     shorter = "fewer --steps (such as 300000), or fewer --seeds (such as 0-2)."

@@ -4,8 +4,8 @@ import torch
 
 from jbench.agents.batched.pair_buffer import PairBuffer
 from jbench.agents.batched.replay import Sizes
-from jbench.sweeps import cell_status
-from jbench.sweeps.cell_status import memory_sentence
+from jbench.sweeps import forecasts
+from jbench.sweeps.forecasts import memory_sentence
 from jbench.tasks.find import find_task
 from tests.training.small_runs import small_run
 from tests.training.test_gym_runs import run_of
@@ -41,7 +41,7 @@ def test_buffer_of_episodes_that_end_early_is_as_large_as_what_is_allocated():
 
 
 def test_advised_replay_buffer_is_small_enough(monkeypatch):
-    monkeypatch.setattr(cell_status, "_available", lambda: 3_600_000_000)
+    monkeypatch.setattr(forecasts, "_available", lambda: 3_600_000_000)
     # PPO has none; the others fill 100,000 of a million transitions: 7.2 GB.
     runs = [run("ppo"), *(run(seed=seed, steps=100_000) for seed in range(1000))]
     sentence = memory_sentence(runs)

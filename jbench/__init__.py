@@ -31,7 +31,7 @@ if TYPE_CHECKING:  # the names of the package, which `_exports` reads
     from jbench.agents.plugin import Transition as Transition
     from jbench.errors import RequestError as RequestError
     from jbench.errors import WorkError as WorkError
-    from jbench.policies.actors import UnsupportedPolicyError as UnsupportedPolicyError
+    from jbench.policies.copied_modules import UnsupportedPolicyError as UnsupportedPolicyError
     from jbench.recording.opened import OpenedResults as OpenedResults
     from jbench.recording.opened import open as open
     from jbench.recording.recorder import AlreadyFinishedError as AlreadyFinishedError

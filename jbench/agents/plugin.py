@@ -116,7 +116,7 @@ class Agent(ABC):
         """Returns the deterministic policy as a module from observations (n, size) to actions.
 
         It is saved with the run. It applies layers such as Linear and Tanh one after another; see
-        `jbench.policies.actors`. None: the run is saved without its policy.
+        `jbench.policies.copied_modules`. None: the run is saved without its policy.
         """
         return None
 

@@ -17,8 +17,8 @@ from jbench.agents.plugin import Agent, EnvironmentSpec, Transition, is_resumabl
 from jbench.agents.training_loop import CPU, TrainingLoop
 from jbench.errors import ERRORS_OF_OTHERS, RequestError, WorkError, sentence_of_failure
 from jbench.names import TimeLimit
-from jbench.policies.actors import copy_module
 from jbench.policies.answers import read_actions
+from jbench.policies.copied_modules import copy_module
 from jbench.policies.network import SavedNetwork
 from jbench.settings.base import Settings
 from jbench.store import schema

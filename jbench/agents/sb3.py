@@ -21,7 +21,7 @@ from jbench.agents.find import find_class
 from jbench.agents.memory import memory_error
 from jbench.agents.sb3_policies import copy_model
 from jbench.errors import ERRORS_OF_OTHERS, RequestError
-from jbench.policies.actors import UnsupportedPolicyError
+from jbench.policies.copied_modules import UnsupportedPolicyError
 from jbench.settings.algorithms import Algorithm, AlgorithmSettings, Foreign, OffPolicySettings
 from jbench.store.schema import LOSSES
 

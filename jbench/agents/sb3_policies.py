@@ -6,7 +6,8 @@ import numpy as np
 from stable_baselines3.common.torch_layers import FlattenExtractor
 from torch import nn
 
-from jbench.policies.actors import UnsupportedPolicyError, copy_module, normalization
+from jbench.policies.actors import normalization
+from jbench.policies.copied_modules import UnsupportedPolicyError, copy_module
 from jbench.policies.layers import Clip, Scale, Shift
 from jbench.policies.network import SavedNetwork
 

@@ -21,7 +21,7 @@ from torch import nn
 from jbench.array_types import Float32Array
 from jbench.errors import RequestError, WorkWarning
 from jbench.names import TASKS
-from jbench.policies.actors import UnsupportedPolicyError, float32_array, module_layers
+from jbench.policies.copied_modules import UnsupportedPolicyError, float32_array, module_layers
 from jbench.policies.layers import Linear, SavedLayer, Tanh
 from jbench.policies.network import SavedNetwork
 from jbench.policies.unit_actions import ActionBounds, to_unit_actions

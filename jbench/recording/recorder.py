@@ -16,7 +16,8 @@ from torch import nn
 from jbench.encoders import load_run_encoder
 from jbench.errors import RequestError, WorkError
 from jbench.loggers.logger import Logger, copying_rows
-from jbench.policies.actors import Actor, UnsupportedPolicyError, acting, copy_module
+from jbench.policies.actors import Actor, acting
+from jbench.policies.copied_modules import UnsupportedPolicyError, copy_module
 from jbench.recording.writer import KeptPolicy, RecordedEnvironment, RunWriter, as_numbers
 from jbench.settings.records import ExternalSettings
 from jbench.store import Results, schema

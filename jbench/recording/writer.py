@@ -12,7 +12,7 @@ from jbench.agents.divergence import DivergedError, divergent_loss
 from jbench.cores import cores
 from jbench.encoders import Encoder, on_observations
 from jbench.errors import RequestError, WorkError, sentence_of_failure
-from jbench.policies.actors import UnsupportedPolicyError
+from jbench.policies.copied_modules import UnsupportedPolicyError
 from jbench.policies.network import SavedNetwork
 from jbench.settings.records import ExternalSettings
 from jbench.store import Record

@@ -6,7 +6,7 @@ from torch import nn
 
 from jbench.agents.batched.make import checked_rule
 from jbench.errors import RequestError, WorkError
-from jbench.policies.actors import UnsupportedPolicyError
+from jbench.policies.copied_modules import UnsupportedPolicyError
 from jbench.rules import TD3
 from tests.agents.batched_oracle import SIZE
 from tests.agents.small_rules import TD3_SETTINGS, build_engine

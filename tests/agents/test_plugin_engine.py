@@ -14,7 +14,7 @@ from jbench.agents.ending_environments import environments_class
 from jbench.agents.packing import pack, unpack
 from jbench.agents.plugin_engine import PluginEngine
 from jbench.errors import WorkError
-from jbench.policies.actors import UnsupportedPolicyError
+from jbench.policies.copied_modules import UnsupportedPolicyError
 
 EPISODE = 10
 

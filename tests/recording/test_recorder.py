@@ -16,7 +16,7 @@ from torch import nn
 
 import jbench
 from jbench.errors import RequestError
-from jbench.policies.actors import copy_module
+from jbench.policies.copied_modules import copy_module
 from jbench.policies.saved import load_agent
 from jbench.settings.recorded import read_run
 from jbench.settings.records import ExternalSettings

@@ -20,7 +20,7 @@ from jbench.agents.batched.learner import OffPolicyLearner
 from jbench.agents.batched.replay import Batch
 from jbench.agents.batched.rule import Rule, make_rule, mean_actor, parameter_names, phases
 from jbench.agents.batched.tensors import Tensors, flat_parts, flat_size
-from jbench.policies.actors import copy_module
+from jbench.policies.copied_modules import copy_module
 from jbench.policies.network import SavedNetwork
 from jbench.settings.algorithms import OffPolicySettings
 from jbench.store.schema import LOSSES

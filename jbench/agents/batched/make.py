@@ -22,7 +22,7 @@ from jbench.agents.training_loop import CPU
 from jbench.devices import check_precision
 from jbench.errors import ERRORS_OF_OTHERS, WorkError, sentence_of_failure
 from jbench.names import Precision, TimeLimit
-from jbench.policies.actors import copy_module
+from jbench.policies.copied_modules import copy_module
 from jbench.settings.algorithms import SETTINGS, AlgorithmSettings, OffPolicySettings, PPOSettings
 from jbench.settings.records import OFESettings
 

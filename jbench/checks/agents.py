@@ -13,7 +13,7 @@ from jbench.agents.algorithms import settings_class as class_of_settings
 from jbench.agents.batched.make import make_batched_engine
 from jbench.agents.batched.rule import Rule
 from jbench.agents.ending_environments import environments_class
-from jbench.agents.environments import SeedState
+from jbench.agents.environments import Environments, SeedState
 from jbench.agents.find import find_class
 from jbench.agents.plugin_engine import PluginEngine
 from jbench.agents.training_loop import TrainingLoop
@@ -42,6 +42,8 @@ _QUICK = {
 
 _Make = Callable[..., TrainingLoop]  # takes seeds and a number of environments
 
+_MakeOnRobots = Callable[[Environments], TrainingLoop]
+
 
 def agent_checks(name: str, task: str, settings: Mapping[str, Any]) -> Iterator[NamedCheck]:
     """Yields the checks of an agent."""
@@ -49,11 +51,7 @@ def agent_checks(name: str, task: str, settings: Mapping[str, Any]) -> Iterator[
     kind = find_class(name)
     values = settings_with(class_of_settings(name), name, settings)
 
-    def make(seeds: list[int], environments: int = 1) -> PluginEngine:
-        robots = environments_class(task)(task, seeds, environments, episode_steps=EPISODE)
-        with closed_on_error(robots):
-            return PluginEngine(name, kind, values, robots)
-
+    make = partial(_on_short_episodes, partial(PluginEngine, name, kind, values), task)
     yield from _checks_of_both(name, make, task)
     yield "evaluation", partial(_evaluation, make)
     yield "state", partial(_state, make)
@@ -66,14 +64,19 @@ def rule_checks(name: str, task: str, settings: Mapping[str, Any]) -> Iterator[N
     kind: type[Rule] = find_class(name)
     values: Any = settings_with(class_of_settings(name), name, {**_QUICK, **settings})
 
-    def make(seeds: list[int], environments: int = 1) -> TrainingLoop:
-        robots = environments_class(task)(task, seeds, environments, episode_steps=EPISODE)
-        with closed_on_error(robots):
-            return make_batched_engine(kind, values, robots)
-
+    make = partial(_on_short_episodes, partial(make_batched_engine, kind, values), task)
     yield from _checks_of_both(name, make, task)
     yield "side by side", partial(_side_by_side, make)
     yield "policy", partial(_policy, make)
+
+
+def _on_short_episodes(
+    make: _MakeOnRobots, task: str, seeds: list[int], environments: int = 1
+) -> TrainingLoop:
+    """Returns a training of new agents, one per seed, whose episodes are short."""
+    robots = environments_class(task)(task, seeds, environments, episode_steps=EPISODE)
+    with closed_on_error(robots):
+        return make(robots)
 
 
 def _checks_of_both(name: str, make: _Make, task: str) -> Iterator[NamedCheck]:

@@ -31,7 +31,7 @@ from jbench.typed_values import known
 
 @dataclass(frozen=True)
 class Cell:
-    """Runs that differ only in their seeds; `settings` is the source of their hyperparameters.
+    """Runs that differ only in their seeds.
 
     Attributes:
         representation: as typed: full, dae12, or the id of an encoder.

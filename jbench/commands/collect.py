@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from jbench.commands import options, output, parsing
-from jbench.commands.kept import kept_steps
+from jbench.commands.stopped import stopped_collection
 from jbench.settings.records import DatasetSettings, dataset_robot
 from jbench.wording import with_results
 
@@ -47,7 +47,7 @@ def collect(
         output.say(f"The dataset {settings.id} is already finished; nothing to do.")
         steps_to_show = 0
 
-    output.if_stopped(partial(kept_steps, settings, database))
+    output.if_stopped(partial(stopped_collection, settings, database))
     with output.progress("collect", steps_to_show, "control steps") as progress:
         record = collect_dataset(settings, database, threads, progress)
 

@@ -11,8 +11,8 @@ from typer import Option
 from jbench import names, typed_values
 from jbench.commands import options, output, parsing
 from jbench.commands.encoder_tables import show_errors, show_explained
-from jbench.commands.kept import kept_encoders
 from jbench.commands.requested_encoders import Wanted, planned_encoders, with_known_size
+from jbench.commands.stopped import stopped_encoders
 from jbench.errors import RequestError
 from jbench.representation_names import ENCODER_KINDS
 from jbench.wording import counted, with_results
@@ -125,7 +125,7 @@ def train_encoder(
 
     planned = [kept_settings(database, encoder) for encoder in planned]
     planned = _with_recorded_code(planned, database)
-    output.if_stopped(partial(kept_encoders, planned, database))
+    output.if_stopped(partial(stopped_encoders, planned, database))
     records = [
         _train_one(encoder, read(encoder.task, encoder.seed), database, train_on)
         for encoder in planned

@@ -247,7 +247,7 @@ def _value(text: str) -> Any:
     return text
 
 
-def kept_state(whole: bool, compact: bool) -> names.KeepState:
+def state_to_keep(whole: bool, compact: bool) -> names.KeepState:
     """Returns what is kept of finished runs' states; both is a RequestError."""
     if whole and compact:
         raise RequestError(

@@ -12,7 +12,7 @@ from typer import Option
 
 from jbench import names
 from jbench.commands import options, output, parsing
-from jbench.commands.kept import kept_report
+from jbench.commands.stopped import stopped_report
 from jbench.commands.verdict_tables import print_verdicts
 from jbench.commands.watching import changes, open_page
 from jbench.errors import NothingYetError, RequestError, WorkError
@@ -210,7 +210,7 @@ def _report_if_possible(database: "Results", out: Path, request: Request) -> Non
 
 def _report(database: "Results", out: Path, request: Request) -> None:
     """Writes a report and prints what it says first: verdicts, tables and notes."""
-    output.if_stopped(partial(kept_report, out))
+    output.if_stopped(partial(stopped_report, out))
     from jbench.report.report import write_report  # it loads for seconds
 
     source: Results | None = database

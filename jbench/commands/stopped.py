@@ -18,7 +18,7 @@ _BEGINS_AGAIN = "the same command begins again."
 _CONTINUES = "the same command continues there."
 
 
-def kept_steps(settings: DatasetSettings, results: "Results") -> str:
+def stopped_collection(settings: DatasetSettings, results: "Results") -> str:
     """Returns what is said of a dataset whose collection was stopped."""
     from jbench.datasets.by_robot import recorded_layout
 
@@ -32,7 +32,7 @@ def kept_steps(settings: DatasetSettings, results: "Results") -> str:
     return f"{steps:,} of {settings.steps:,} control steps are kept; {_CONTINUES}"
 
 
-def kept_encoders(encoders: Sequence["EncoderSettings"], results: "Results") -> str:
+def stopped_encoders(encoders: Sequence["EncoderSettings"], results: "Results") -> str:
     """Returns what is said of encoders whose training was stopped."""
     from jbench.encoders.loop import CHECKPOINT
 
@@ -52,7 +52,7 @@ def kept_encoders(encoders: Sequence["EncoderSettings"], results: "Results") -> 
     return f"{done} are kept; {_CONTINUES}"
 
 
-def kept_runs(runs: Sequence[RunSettings], results: "Results") -> str:
+def stopped_runs(runs: Sequence[RunSettings], results: "Results") -> str:
     """Returns what is said of runs whose training was stopped."""
     from jbench.training.status import run_statuses
 
@@ -65,7 +65,7 @@ def kept_runs(runs: Sequence[RunSettings], results: "Results") -> str:
     return _saved_records("run", len(runs), finished, begun)
 
 
-def kept_of_cells(cells: Sequence["Cell"], results: "Results") -> str:
+def stopped_cells(cells: Sequence["Cell"], results: "Results") -> str:
     """Returns what is said of cells, whose datasets and encoders are made before their runs."""
     from jbench.sweeps.cell import all_runs
     from jbench.sweeps.preparation import missing_encoders
@@ -73,17 +73,18 @@ def kept_of_cells(cells: Sequence["Cell"], results: "Results") -> str:
 
     runs = all_runs(cells)
     if any(status.state != "missing" for status in run_statuses(runs, results).values()):
-        return kept_runs(runs, results)
+        return stopped_runs(runs, results)
 
     for dataset, encoders in missing_encoders(cells, results):
         if not results.is_finished("dataset", dataset.id):
-            return f"No run has begun: the dataset is made first. {kept_steps(dataset, results)}"
-        return f"No run has begun: encoders are made first. {kept_encoders(encoders, results)}"
+            collected = stopped_collection(dataset, results)
+            return f"No run has begun: the dataset is made first. {collected}"
+        return f"No run has begun: encoders are made first. {stopped_encoders(encoders, results)}"
 
-    return kept_runs(runs, results)
+    return stopped_runs(runs, results)
 
 
-def kept_report(out: Path) -> str:
+def stopped_report(out: Path) -> str:
     """Returns what is said of a report whose writing was stopped."""
     if not (out / PAGE).exists():
         return "No report is written yet; the same command begins again."

@@ -9,7 +9,7 @@ from typer import Argument, Option
 
 from jbench import names
 from jbench.commands import options, output, parsing
-from jbench.commands.kept import kept_of_cells
+from jbench.commands.stopped import stopped_cells
 from jbench.errors import RequestError
 from jbench.wording import with_results
 
@@ -103,7 +103,7 @@ def sweep(
     parts = _chosen_parts(matrix, only, steps=steps, seeds=chosen_seeds)
     train_on = _device(executor, address, gpus_per_task, parts.values(), device)
     at_once = jobs or default_jobs(train_on)
-    keep = parsing.kept_state(keep_state, keep_compact_state)
+    keep = parsing.state_to_keep(keep_state, keep_compact_state)
     worker = training.worker_options(keep, final_episodes, checkpoint_every)
     executors: dict[str, Callable[[], Executor]] = {
         "local": partial(Local, database, at_once, train_on, **worker),
@@ -119,7 +119,7 @@ def sweep(
     )
 
     cells = matrix_cells(parts, database, accept_changed_code)
-    output.if_stopped(partial(kept_of_cells, cells, database))
+    output.if_stopped(partial(stopped_cells, cells, database))
     measured = train_on if executor == "local" else None
     check_runs([cell.runs[0] for cell in cells], keep, measured, final_episodes)
     if until_decided:

@@ -9,7 +9,7 @@ from typer import Option
 
 from jbench import names
 from jbench.commands import options, output, parsing
-from jbench.commands.kept import kept_runs
+from jbench.commands.stopped import stopped_runs
 from jbench.errors import RequestError
 from jbench.settings.algorithms import ALGORITHMS
 from jbench.settings.run import TYPED, RunSettings
@@ -78,7 +78,7 @@ def train(
     if task == "all" or ("," in task and not task.startswith(GYM)):
         raise RequestError("jbench train trains one task; type jbench sweep FILE for several.")
 
-    keep = parsing.kept_state(keep_state, keep_compact_state)
+    keep = parsing.state_to_keep(keep_state, keep_compact_state)
     database = parsing.results_to_write(results)
     algo = lowered(algo, ALGORITHMS)
     chosen["engine"] = choose_engine(algo, chosen["engine"])
@@ -108,7 +108,7 @@ def train(
 
     worker = training.worker_options(keep, final_episodes, checkpoint_every)
     local = partial(Local, database, at_once, train_on, **worker)
-    output.if_stopped(partial(kept_runs, runs, database))
+    output.if_stopped(partial(stopped_runs, runs, database))
     failures = training.train_cells(
         cells, database, local, log, device=train_on, retry_failed=retry_failed, wait=False
     )

@@ -16,7 +16,7 @@ from jbench.store.provenance import describe_changes, process_provenance
 from jbench.store.weights import check_encoder, encoder_weights
 from jbench.training.checkpoints import Checkpoint, CopiedState, copied, load
 from jbench.training.code import check_run_code
-from jbench.training.continuation import kept_runs, obstacle
+from jbench.training.continuation import continued_runs, obstacle
 from jbench.training.events import Report, Resumed
 from jbench.training.log import RunLog
 from jbench.training.member import Member
@@ -73,7 +73,7 @@ class Beginnings:
         Raises a RequestError if its code was edited, or what it resumes had another encoder.
         """
         check_run_code(run, record, self._made_on)
-        shorter = kept_runs(run, self._results)
+        shorter = continued_runs(run, self._results)
         sources = [*shorter]
         if record is not None:
             sources.insert(0, record)

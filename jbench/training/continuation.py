@@ -21,7 +21,7 @@ from jbench.tasks.find import find_task
 from jbench.wording import in_matrix_file
 
 
-def kept_runs(run: RunSettings, results: Results, *free: str) -> list[Record]:
+def continued_runs(run: RunSettings, results: Results, *free: str) -> list[Record]:
     """Returns the runs whose state a run can continue: finished ones, as `shorter_runs` does.
 
     A run whose changed code was accepted also continues the run of the code before.

@@ -6,7 +6,7 @@ from typing import Any
 from jbench.settings.evaluations import EVALUATION_EPISODES, evaluation_interval
 from jbench.settings.run import RunSettings
 from jbench.store import Results
-from jbench.training.continuation import kept_runs
+from jbench.training.continuation import continued_runs
 from jbench.training.status import run_status
 
 
@@ -32,7 +32,7 @@ def with_kept_evaluations(
         return older
 
     for run in runs:
-        for continued in kept_runs(run, results, *free):
+        for continued in continued_runs(run, results, *free):
             changes = {name: continued.settings[name] for name in free}
             return [each.model_copy(update=changes) for each in runs]
     return runs

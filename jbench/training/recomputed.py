@@ -17,7 +17,7 @@ from jbench.training.compact import (
     computed_again,
     other_rows_error,
 )
-from jbench.training.continuation import kept_runs
+from jbench.training.continuation import continued_runs
 from jbench.training.events import Note, Report
 from jbench.wording import counted
 
@@ -71,7 +71,7 @@ class RecomputedRows:
         for run in self._runs:
             if self._results.has("run", run.id):
                 continue
-            for record in kept_runs(run, self._results)[:1]:
+            for record in continued_runs(run, self._results)[:1]:
                 checkpoint, _ = load(record)
                 if record.id == source.id or checkpoint is None or checkpoint.compact is None:
                     continue

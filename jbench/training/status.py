@@ -13,7 +13,7 @@ from jbench.store.provenance import device_provenance, differences, process_prov
 from jbench.store.run_line import committed_steps
 from jbench.tasks.find import EPISODES_REPEAT, code_provenance
 from jbench.tasks.worlds import fails_by_numbers
-from jbench.training.continuation import kept_runs
+from jbench.training.continuation import continued_runs
 from jbench.wording import are, counted, repair_hint
 
 RunState = Literal["finished", "unfinished", "failed", "missing"]
@@ -40,7 +40,7 @@ def run_status(run: RunSettings, results: Results, device: str = "auto") -> RunS
     except WorkError as error:
         return RunStatus("failed", run.steps, f"{error} {repair_hint(results.name)}")
     if record is None:
-        kept = kept_runs(run, results)
+        kept = continued_runs(run, results)
         done = committed_steps(kept[0]) if kept else 0
         return RunStatus("missing", max(0, run.steps - done))
     if record.is_finished:

@@ -2,7 +2,12 @@
 
 import pytest
 
-from jbench.commands.kept import kept_encoders, kept_of_cells, kept_report, kept_steps
+from jbench.commands.stopped import (
+    stopped_cells,
+    stopped_collection,
+    stopped_encoders,
+    stopped_report,
+)
 from jbench.commands.training import check_failures, show_runs
 from jbench.datasets import collect, find_dataset
 from jbench.encoders.states import States
@@ -65,8 +70,8 @@ def test_what_is_kept_of_a_sweep_is_its_dataset_then_its_encoders_then_its_runs(
     (cell,) = cells
     nothing = f"No control step is kept yet; {BEGINS_AGAIN}"
     first = "No run has begun: the dataset is made first."
-    assert kept_steps(cell.dataset, results) == nothing
-    assert kept_of_cells(cells, results) == f"{first} {nothing}"
+    assert stopped_collection(cell.dataset, results) == nothing
+    assert stopped_cells(cells, results) == f"{first} {nothing}"
 
     def episodes():
         return results.find("dataset", cell.dataset.id).rows("dataset_episodes")
@@ -75,13 +80,13 @@ def test_what_is_kept_of_a_sweep_is_its_dataset_then_its_encoders_then_its_runs(
     with pytest.raises(StoppedError):
         collect(cell.dataset, results, 1, stop_when(episodes))
     some = f"500 of 750 control steps are kept; {CONTINUES}"
-    assert kept_steps(cell.dataset, results) == some
-    assert kept_of_cells(cells, results) == f"{first} {some}"
+    assert stopped_collection(cell.dataset, results) == some
+    assert stopped_cells(cells, results) == f"{first} {some}"
 
     collect(cell.dataset, results, 1)
     nothing = f"No epoch is kept yet; {BEGINS_AGAIN}"
     first = "No run has begun: encoders are made first."
-    assert kept_of_cells(cells, results) == f"{first} {nothing}"
+    assert stopped_cells(cells, results) == f"{first} {nothing}"
 
     dataset = find_dataset(results, cell.dataset.id)
     begun, other = cell.encoders
@@ -92,24 +97,24 @@ def test_what_is_kept_of_a_sweep_is_its_dataset_then_its_encoders_then_its_runs(
 
     with pytest.raises(StoppedError):
         train_encoder(begun, states, results, stop_when(has_three_epochs), commit_every=0)
-    assert kept_encoders([begun], results) == f"3 of 4 epochs are kept; {CONTINUES}"
+    assert stopped_encoders([begun], results) == f"3 of 4 epochs are kept; {CONTINUES}"
     some = f"3 of 4 epochs of {begun.id} are kept; {CONTINUES}"
-    assert kept_of_cells(cells, results) == f"{first} {some}"
+    assert stopped_cells(cells, results) == f"{first} {some}"
 
     train_encoder(begun, states, results)
-    assert kept_encoders([begun], results) == "1 encoder is finished."
+    assert stopped_encoders([begun], results) == "1 encoder is finished."
     some = "Of 2 encoders, 1 is finished and 0 begun; the same command trains the others."
-    assert kept_encoders([begun, other], results) == some
+    assert stopped_encoders([begun, other], results) == some
 
     train_encoder(other, States(dataset, other.task, other.seed), results)
-    assert kept_of_cells(cells, results) == f"No run has begun yet; {BEGINS_AGAIN}"
+    assert stopped_cells(cells, results) == f"No run has begun yet; {BEGINS_AGAIN}"
 
     run, last = cell.runs
     results.create("run", run.id, run.model_dump(mode="json")).finish({})
     some = "Of 2 runs, 1 is finished and 0 begun; the same command trains the others."
-    assert kept_of_cells(cells, results) == some
+    assert stopped_cells(cells, results) == some
     results.create("run", last.id, last.model_dump(mode="json")).finish({})
-    assert kept_of_cells(cells, results) == "2 runs are finished."
+    assert stopped_cells(cells, results) == "2 runs are finished."
 
 
 def test_run_that_failed_for_want_of_space_needs_no_option(cells, results):
@@ -137,10 +142,10 @@ def test_option_that_would_change_nothing_is_not_suggested(cells, results):
 
 
 def test_earlier_report_is_named_only_if_there_is_one(tmp_path):
-    assert kept_report(tmp_path) == f"No report is written yet; {BEGINS_AGAIN}"
+    assert stopped_report(tmp_path) == f"No report is written yet; {BEGINS_AGAIN}"
     (tmp_path / "index.html").write_text("a page")
     kept = f"The earlier report in {tmp_path} is still there; the same command writes the new one."
-    assert kept_report(tmp_path) == kept
+    assert stopped_report(tmp_path) == kept
 
 
 def test_runs_of_which_nothing_is_recorded_have_no_table(cells, results, capsys):

@@ -11,7 +11,7 @@ from functools import partial
 import pytest
 
 from jbench.cli import main
-from jbench.commands.kept import kept_runs
+from jbench.commands.stopped import stopped_runs
 from jbench.errors import RequestError
 from jbench.store import Results
 from jbench.sweeps import executors
@@ -135,7 +135,7 @@ def test_sweep_stopped_by_ctrl_c_resumes(tmp_path, results):
     matrix = write_matrix(tmp_path, steps=100 * SHORT, seeds="0")
     (run,) = runs_of_matrix(matrix, results)
     nothing = "No run has begun yet; the same command begins again."
-    assert kept_runs([run], Results(results)) == nothing
+    assert stopped_runs([run], Results(results)) == nothing
     process = start(matrix, "--checkpoint-every", "0", results=results)
     wait_until(lambda: committed(run, results), process)
     (pid,) = workers(process)

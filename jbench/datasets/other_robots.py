@@ -22,7 +22,7 @@ from jbench.errors import RequestError
 from jbench.settings.records import DatasetSettings
 from jbench.store import Record, Results
 from jbench.store.planned import Planned, planned
-from jbench.tasks.find import check_specs, code_provenance, episode_provenance, find_task
+from jbench.tasks.find import check_specs, episode_provenance, find_task, task_provenance
 from jbench.tasks.task import episode_generator
 from jbench.tasks.worlds import EpisodeError
 
@@ -46,7 +46,7 @@ class OtherLayout(DatasetLayout):
 
     def code(self) -> dict[str, Any]:
         """Returns the provenance of the task's code."""
-        return code_provenance(self.task)
+        return task_provenance(self.task)
 
     def notes(self) -> dict[str, Any]:
         """Returns whether the task's episodes do not repeat."""

@@ -88,7 +88,7 @@ def make_kind(name: str, options: Mapping[str, Any]) -> Kind:
     return settings_with(find_kind(name), name, options, "option")
 
 
-def code_provenance(kind: str) -> dict[str, Any]:
+def kind_provenance(kind: str) -> dict[str, Any]:
     """Returns provenance of the code of a kind; none for those of jbench."""
     if kind in ENCODER_KINDS:
         return {}
@@ -97,7 +97,7 @@ def code_provenance(kind: str) -> dict[str, Any]:
 
 def present_code(encoder: Record) -> dict[str, Any]:
     """Returns provenance of the present code of a recorded encoder's kind; see `with_data_read`."""
-    code = code_provenance(str(encoder.settings.get("kind")))
+    code = kind_provenance(str(encoder.settings.get("kind")))
     return with_data_read(code, encoder.manifest.provenance)
 
 
@@ -110,7 +110,7 @@ def description(kind: str) -> str:
 
 def kind_sources(kind: str) -> str | None:
     """Returns the checksum of the code of a kind; None for those of jbench."""
-    return checksum(code_provenance(kind).get("sources", {}))
+    return checksum(kind_provenance(kind).get("sources", {}))
 
 
 def latent_sizes(kind: str, task: str, options: Mapping[str, Any] | None = None) -> range:

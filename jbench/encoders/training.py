@@ -15,7 +15,7 @@ from jbench.encoders.loop import CHECKPOINT, WeightArrays, check_kind, encoder_t
 from jbench.encoders.pairs import state_pairs
 from jbench.encoders.predictions import predictions
 from jbench.encoders.reconstruction import error_rows
-from jbench.encoders.registry import code_provenance, description, make_kind, sentence_about
+from jbench.encoders.registry import description, kind_provenance, make_kind, sentence_about
 from jbench.encoders.saved import DESCRIPTION, WEIGHTS, SavedEncoder
 from jbench.encoders.scaling import rescaling
 from jbench.encoders.settings import EncoderSettings
@@ -33,7 +33,7 @@ def plan_encoder(settings: EncoderSettings, results: Results) -> Planned[Encoder
     if settings.kind in ENCODER_KINDS:
         return Planned(settings, [])
     free = ("seed", "dataset", "latents", "options", "base", "named")
-    return planned(settings, results.scan("encoder")[0], code_provenance(settings.kind), free)
+    return planned(settings, results.scan("encoder")[0], kind_provenance(settings.kind), free)
 
 
 def train_encoder(
@@ -72,7 +72,7 @@ def train_encoder(
         if record is not None and record.is_finished:
             return record
         if record is not None:
-            check_code(record, code_provenance(settings.kind))
+            check_code(record, kind_provenance(settings.kind))
 
         states.read(device)
         _check_pairs(kind, states)
@@ -82,7 +82,7 @@ def train_encoder(
             check_kind(kind, settings.kind, states, settings.latents)
 
         if record is None or CHECKPOINT not in record.roles():
-            made_on = device_provenance(device) | code_provenance(settings.kind)
+            made_on = device_provenance(device) | kind_provenance(settings.kind)
             meaning = description(settings.kind)
             if meaning:
                 made_on["description"] = meaning

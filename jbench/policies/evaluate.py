@@ -13,7 +13,7 @@ from jbench.settings.records import EvaluationSettings
 from jbench.store import Record, Results, schema
 from jbench.store.code import is_known
 from jbench.store.planned import Planned, planned
-from jbench.tasks.find import code_provenance, find_task
+from jbench.tasks.find import find_task, task_provenance
 from jbench.tasks.task import Act, episode_generator, rollout
 from jbench.tasks.worlds import Worlds, fails_by_numbers
 from jbench.wording import counted
@@ -29,7 +29,7 @@ _FREE = ("episodes", "seed", "states", "target_yaw", "augment")
 
 def evaluation_code(task: str, policy: str) -> dict[str, Any]:
     """Returns provenance of the users' code of a task and of a policy of another package."""
-    return {**policy_provenance(policy), **code_provenance(task)}
+    return {**policy_provenance(policy), **task_provenance(task)}
 
 
 def plan_evaluation(

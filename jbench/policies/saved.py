@@ -15,7 +15,7 @@ from jbench.store.code import check_code
 from jbench.store.rows import has_policy
 from jbench.store.shipped import LEFT_OUT, results_to_read
 from jbench.store.weights import check_encoder
-from jbench.tasks.find import check_specs, code_provenance, find_task
+from jbench.tasks.find import check_specs, find_task, task_provenance
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ def agent_code(results: Results, record: Record) -> dict[str, Any]:
     """
     task = record.settings.get("task")
     encoder = record.settings.get("encoder")
-    return {**code_provenance(str(task)), **encoder_code(results, encoder)}
+    return {**task_provenance(str(task)), **encoder_code(results, encoder)}
 
 
 def load_agent(

@@ -27,7 +27,7 @@ from jbench.store import Results, files
 from jbench.store.planned import planned, say_changed
 from jbench.store.shipped import results_to_write
 from jbench.store.weights import encoder_weights
-from jbench.tasks.find import checked_task, code_provenance, episode_provenance
+from jbench.tasks.find import checked_task, episode_provenance, task_provenance
 from jbench.training.request import read_representation
 from jbench.typed_values import known
 
@@ -94,7 +94,7 @@ def record(
     if log is not None:
         logger = make_logger(known("log", log, names.LOGGERS), place.path)
 
-    code = {**code_provenance(task), **encoder_code(place, settings.encoder)}
+    code = {**task_provenance(task), **encoder_code(place, settings.encoder)}
     records, _ = place.scan("run", _folder(settings))
     plan = planned(settings, records, code, COMPARED)
     for sentence in say_changed([plan], {record.id for record in records}):

@@ -90,14 +90,14 @@ def matrix_cells(parts: Parts, results: Results, accept_changed: bool = False) -
 
 def _cell(arm: Arm, results: Results, accept_changed: bool) -> Cell:
     """Returns the runs of an arm, and the encoders and dataset that are to be made for them."""
-    matrix = arm.part
+    part = arm.part
     task = arm.task
     name = arm.representation
 
     fields = dict(arm.fields)
     dataset: DatasetSettings | None = None
     encoders: dict[int, EncoderSettings] = {}  # by their seeds
-    drawn = matrix.encoder.seed == "each"
+    drawn = part.encoder.seed == "each"
     if fields["ofe"] is not None:
         fields["representation"] = fields["ofe"].representation
     elif "/" in name:
@@ -106,19 +106,19 @@ def _cell(arm: Arm, results: Results, accept_changed: bool) -> Cell:
     elif name != FULL:
         about = find_task(task)
         robot = dataset_robot(about.name, about.specs)
-        dataset = validated(DatasetSettings, "[dataset]", **dict(matrix.dataset), **robot)
+        dataset = validated(DatasetSettings, "[dataset]", **dict(part.dataset), **robot)
         dataset = plan_dataset(dataset, results).settings
-        encoder = kept_settings(results, _encoder(matrix, task, name, dataset, results))
-        seeds = matrix.seeds if drawn else (encoder.seed,)
+        encoder = kept_settings(results, _encoder(part, task, name, dataset, results))
+        seeds = part.seeds if drawn else (encoder.seed,)
         encoders = {seed: encoder.model_copy(update={"seed": seed}) for seed in seeds}
         fields["encoder"] = encoder.id
         fields["representation"] = encoder.representation
         fields["encoder_draws"] = encoder.draws if drawn else None
 
     ids = {seed: encoder.id for seed, encoder in encoders.items()} if drawn else None
-    runs = make_runs(matrix.seeds, ids, **fields)
+    runs = make_runs(part.seeds, ids, **fields)
     runs, notes = plan_runs(runs, results, accept_changed)
-    runs = with_kept_evaluations(runs, results, matrix.run_fields)
+    runs = with_kept_evaluations(runs, results, part.run_fields)
 
     return Cell(
         task=task,
@@ -134,7 +134,7 @@ def _cell(arm: Arm, results: Results, accept_changed: bool) -> Cell:
 
 
 def _encoder(
-    matrix: Matrix, task: str, name: str, dataset: DatasetSettings, results: Results
+    part: Matrix, task: str, name: str, dataset: DatasetSettings, results: Results
 ) -> EncoderSettings:
     """Returns the settings of the encoder that a representation names."""
     wanted = named_encoder(name, task)
@@ -144,11 +144,11 @@ def _encoder(
     assert wanted is not None
     present = encoder_settings(
         wanted.kind,
-        {**matrix.encoder.options.get(wanted.kind, {}), **wanted.options},
+        {**part.encoder.options.get(wanted.kind, {}), **wanted.options},
         task=task,
         base=wanted.base,
         latents=wanted.latents,
         dataset=dataset.id,
-        seed=0 if matrix.encoder.seed == "each" else matrix.encoder.seed,
+        seed=0 if part.encoder.seed == "each" else part.encoder.seed,
     )
     return plan_encoder(present, results).settings

@@ -108,7 +108,7 @@ def check_specs(name: str, recorded: Specs | None, accept_changed: bool = False)
     )
 
 
-def code_provenance(name: str) -> dict[str, Any]:
+def task_provenance(name: str) -> dict[str, Any]:
     """Returns `Task.code_provenance` of a task. Raises as `find_task`."""
     return find_task(name).code_provenance()
 

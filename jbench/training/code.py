@@ -44,7 +44,7 @@ def run_code(run: RunSettings | ExternalSettings, encoders: Results) -> dict[str
 
 def acting_code(run: RunSettings | ExternalSettings, encoders: Results) -> dict[str, Any]:
     """Returns provenance of the users' code with which a run's saved policy acts."""
-    return {**find.code_provenance(run.task), **encoder_code(encoders, run.encoder)}
+    return {**find.task_provenance(run.task), **encoder_code(encoders, run.encoder)}
 
 
 def plan_runs(
@@ -126,7 +126,7 @@ def _on_data_of_other_code(run: RunSettings, results: Results) -> list[str]:
     dataset = results.find_readable("dataset", str(encoder.settings.get("dataset")))
     if dataset is None:
         return []
-    files = changed_files(dataset.manifest.provenance, find.code_provenance(run.task))
+    files = changed_files(dataset.manifest.provenance, find.task_provenance(run.task))
     if not files:
         return []
     return [

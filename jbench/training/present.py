@@ -124,6 +124,6 @@ def _robot(record: Record) -> dict[str, Any]:
     from jbench.tasks import find  # imports MuJoCo
 
     try:
-        return find.code_provenance(str(record.settings.get(_TASK_SETTING[record.kind])))
+        return find.task_provenance(str(record.settings.get(_TASK_SETTING[record.kind])))
     except (RequestError, WorkError):
         return {}

@@ -11,7 +11,7 @@ from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
 from jbench.store.provenance import device_provenance, differences, process_provenance
 from jbench.store.run_line import committed_steps
-from jbench.tasks.find import EPISODES_REPEAT, code_provenance
+from jbench.tasks.find import EPISODES_REPEAT, task_provenance
 from jbench.tasks.worlds import fails_by_numbers
 from jbench.training.continuation import continued_runs
 from jbench.wording import are, counted, repair_hint
@@ -70,7 +70,7 @@ def will_fail_again(record: Record, device: str = "auto") -> bool:
     try:
         now = {
             **process_provenance(),
-            **code_provenance(record.settings["task"]),
+            **task_provenance(record.settings["task"]),
             **device_provenance(find_device(device)),
         }
     except (RequestError, WorkError):  # the code or the device is not here

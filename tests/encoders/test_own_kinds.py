@@ -159,8 +159,8 @@ def test_installed_kind_is_found_by_a_name_with_a_hashed_option(
 ):
     point = EntryPoint("mine", "mine:Shifted", "jbench.encoders")
     monkeypatch.setattr(registry, "offered_kinds", lambda: {"mine": point})
-    monkeypatch.setattr(registry, "code_provenance", lambda kind: {})
-    monkeypatch.setattr(training, "code_provenance", lambda kind: {})
+    monkeypatch.setattr(registry, "kind_provenance", lambda kind: {})
+    monkeypatch.setattr(training, "kind_provenance", lambda kind: {})
     record = made("mine", trained, results, **options)
     name = record.path.parent.name
     assert re.fullmatch(r"mine[23]-(shift|chosen)-[0-9a-f]{8}", name)

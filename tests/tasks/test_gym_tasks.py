@@ -9,7 +9,7 @@ import pytest
 from jbench.errors import RequestError, WorkError
 from jbench.settings.records import DatasetSettings, dataset_robot
 from jbench.tasks import environment_specification
-from jbench.tasks.find import checked_task, code_provenance, find_task
+from jbench.tasks.find import checked_task, find_task, task_provenance
 from jbench.tasks.gym_registry import find_environment
 from jbench.tasks.task import DOES_NOT_REPEAT
 
@@ -316,7 +316,7 @@ def test_code_of_a_registered_environment_of_ones_own_is_recorded(tmp_path, monk
     assert first.description == "A point that a motor pushes."
     assert None not in (first.specs.sources, second.specs.sources)
     assert first.specs.sources != second.specs.sources
-    made = code_provenance(names[0])
+    made = task_provenance(names[0])
     assert list(made["task_sources"]) == ["labone.py"]
     assert "task_package" not in made
     robot = dataset_robot(first.name, first.specs)
@@ -339,7 +339,7 @@ def test_module_that_lacks_a_module_of_its_own_is_there(tmp_path, monkeypatch):
 def test_package_of_a_registered_environment_is_recorded():
     name = "gym:Pendulum-v1"
     assert find_task(name).specs.sources is None
-    assert code_provenance(name) == {"task_package": f"gymnasium {gymnasium.__version__}"}
+    assert task_provenance(name) == {"task_package": f"gymnasium {gymnasium.__version__}"}
 
 
 @pytest.mark.parametrize(

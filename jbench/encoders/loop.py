@@ -28,7 +28,7 @@ from jbench.encoders.saved import SavedEncoder
 from jbench.encoders.states import States
 from jbench.errors import WorkError
 from jbench.store import Record
-from jbench.store.schema import ENCODER_TABLES
+from jbench.store.encoder_tables import ENCODER_TABLES
 
 CHECKPOINT = "checkpoint.safetensors"
 

@@ -82,7 +82,8 @@ def kept_frame(tables: Mapping[str, pd.DataFrame], task: str | None = None) -> p
     """Returns how much of each feature of the observation encoders of one layer keep.
 
     A row has a task, a representation, a feature, the number of encoders, and the median over them
-    of the share `kept` (see `store/kept.py`). Encoders that keep every feature whole are left out.
+    of the share `kept` (see `store/kept_features.py`). Encoders that keep every feature whole are
+    left out.
     """
     columns = ["task", "representation", "feature", "seeds", "kept"]
     encoders = tables["encoders"]

@@ -9,6 +9,7 @@ import pyarrow as pa
 from jbench.names import POLICY_FILES
 from jbench.settings.recorded import variant
 from jbench.store import schema
+from jbench.store.encoder_tables import ENCODER_TABLES
 from jbench.store.files import DamagedError
 from jbench.store.manifest import MANIFEST, Manifest, RecordKind
 from jbench.store.record import Record
@@ -18,7 +19,7 @@ Row = dict[str, Any]
 
 KIND_TABLES: dict[RecordKind, tuple[str, dict[str, pa.Schema]]] = {
     "run": ("runs", schema.RUN_TABLES),
-    "encoder": ("encoders", schema.ENCODER_TABLES),
+    "encoder": ("encoders", ENCODER_TABLES),
     "evaluation": ("policy_evaluations", {"policy_episodes": schema.TABLES["policy_episodes"]}),
     "dataset": ("datasets", {}),
     "import": ("imports", {"import_points": schema.TABLES["import_points"]}),

@@ -1,35 +1,13 @@
 """The tables of the database, as Arrow schemas. Units are in the fields' metadata.
 
-`docs/database.md` and, for encoders, `docs/encoders.md` describe the rows.
+`docs/database.md` describes the rows.
 """
 
-from functools import partial
 from itertools import chain
 
-import pyarrow as pa
-
 from jbench.names import TASKS
-
-Columns = list[pa.Field]
-
-
-def columns(type_: pa.DataType, *names: str, unit: str | None = None) -> Columns:
-    """Returns columns of one type and unit."""
-    metadata = {"unit": unit} if unit else None
-    return [pa.field(name, type_, metadata=metadata) for name in names]
-
-
-def table(*groups: Columns) -> pa.Schema:
-    """Returns the schema of a table with these columns."""
-    return pa.schema(chain.from_iterable(groups))
-
-
-text = partial(columns, pa.string())
-int16 = partial(columns, pa.int16())
-int32 = partial(columns, pa.int32())
-int64 = partial(columns, pa.int64())
-float32 = partial(columns, pa.float32())
-float64 = partial(columns, pa.float64())
+from jbench.store.columns import float32, float64, int16, int32, int64, table, text
+from jbench.store.encoder_tables import ENCODER_TABLES, FEATURES, KEPT
 
 _CELL = text("task", "algo", "representation")
 _CONTROL_STEPS = int64("control_steps", unit="control steps of the run, all environments")
@@ -91,63 +69,6 @@ LOG_TABLES = {"episodes": EPISODES, "evaluations": EVALUATIONS, "metrics": METRI
 """Tables to which a run in progress adds rows."""
 
 RUN_TABLES = {**LOG_TABLES, "paths": PATHS}
-
-_ERRORS = float64(
-    "test_mse",
-    "test_variance",
-    "pca_mse",
-    "random_mse",
-    "heuristic_mse",
-    "heuristic_variance",
-    "pca_heuristic_mse",
-    "random_heuristic_mse",
-    unit="scaled features squared",
-)
-
-KEPT = "kept"  # a column that is computed when rows are read
-
-_FEATURES = [text("encoder"), int32("index"), text("feature"), _ERRORS]
-
-ENCODER_TABLES = {
-    # On up to 128 held-out episodes. Kinds that do not corrupt their input have no
-    # `test_denoising_mse`.
-    "encoder_epochs": table(
-        text("encoder"),
-        int32("epoch"),
-        float64("train_loss", unit="what its kind minimizes; dae: as test_denoising_mse"),
-        float64("test_mse", unit="scaled features squared; clean input"),
-        float64("test_denoising_mse", unit="scaled features squared; corrupted input"),
-        float64("wall_time", unit="s of training"),
-    ),
-    # `heuristic`: on ten episodes of the task's hand-written policy. A variance is that of the
-    # target states.
-    "encoder_features": table(*_FEATURES),
-    # Means of the columns of `encoder_features`.
-    "encoder_errors": table(
-        text("encoder"),
-        int64("test_states", "heuristic_states"),
-        _ERRORS,
-        float64(
-            "test_explained",
-            "pca_explained",
-            "random_explained",
-            "heuristic_explained",
-            "pca_heuristic_explained",
-            "random_heuristic_explained",
-            unit="fraction of the variance",
-        ),
-    ),
-    # A row per `target`: `yaw_rate`, `tilt_rate`, `forward_speed` and `reward`. `r2` is null for a
-    # constant target; encoders of before version 5 have neither `linear_r2` nor `amplitude`.
-    "encoder_predictions": table(
-        text("encoder", "target"),
-        float64("r2", unit="fraction of the variance"),
-        float64("linear_r2", unit="fraction of the variance; of a linear regression"),
-        float64("amplitude", unit="of the latents; null if linear_r2 is below 0.5"),
-        float64("effective_rank", unit="of the latents, the same for every target"),
-        int64("learned_rows", "test_rows"),
-    ),
-}
 
 STATE_COLUMNS = {
     "position": (
@@ -221,7 +142,7 @@ TABLES = {
     ),
     **ENCODER_TABLES,
     "encoder_features": table(
-        *_FEATURES,
+        *FEATURES,
         float64(KEPT, unit="fraction of the feature's direction; null for more than one layer"),
     ),
     "datasets": table(

@@ -16,7 +16,8 @@ from jbench.errors import WorkError
 from jbench.representation_names import FULL
 from jbench.store import schema
 from jbench.store.database import Results
-from jbench.store.kept import with_kept
+from jbench.store.encoder_tables import KEPT
+from jbench.store.kept_features import with_kept
 from jbench.store.listing import final_returns
 from jbench.store.record import Record
 from jbench.store.rows import KIND_TABLES, Row, make_row
@@ -117,7 +118,7 @@ def _read(fields: Mapping[str, pa.Schema], record: Record) -> _RecordRows | str:
 
 def _rows(record: Record, name: str, columns: pa.Schema) -> pa.Table:
     """Returns columns of a record's table, those included that no file has."""
-    if schema.KEPT not in columns.names:
+    if KEPT not in columns.names:
         return record.read(name, columns)
     return with_kept(record, record.read(name)).select(columns.names).cast(columns)
 

@@ -8,7 +8,7 @@ from jbench.encoders.kind import Learned
 from jbench.encoders.registry import latent_sizes, make_kind
 from jbench.encoders.states import States
 from jbench.representation_names import ENCODER_KINDS
-from jbench.store.kept import kept, kept_by
+from jbench.store.kept_features import kept, kept_by
 from jbench.store.query import query_results
 from jbench.store.shipped import shipped_results
 from tests.encoders.encoder_data import read_states, train

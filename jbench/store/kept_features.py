@@ -16,9 +16,9 @@ import safetensors.numpy
 from numpy.typing import NDArray
 
 from jbench.names import ENCODER_FILES
+from jbench.store.encoder_tables import KEPT
 from jbench.store.files import DamagedError
 from jbench.store.record import Record
-from jbench.store.schema import KEPT
 
 _WEIGHTS = ENCODER_FILES[0]
 

@@ -152,7 +152,7 @@ def _copy(record: Record, target: Results, form: Form) -> None:
         changes = {"name": name, "bytes": len(content), "sha256": digest}
         entries.append(entry.model_copy(update=changes))
 
-    copied.begin(form.manifest(record, tuple(entries)))
+    Record.begin(copied, form.manifest(record, tuple(entries)))
 
 
 def settings_of_datasets(results: Results, form: Form) -> dict[str, Any]:

@@ -8,8 +8,9 @@ from jbench.errors import RequestError, WorkError
 from jbench.representation_names import shown_representation
 from jbench.store import files
 from jbench.store.code import date_of
+from jbench.store.folder import Folder
 from jbench.store.manifest import ID, MANIFEST, Json, Manifest, RecordKind
-from jbench.store.record import Folder, Record
+from jbench.store.record import Record
 from jbench.typed_values import closest, question, shown_as
 from jbench.wording import with_results
 
@@ -62,11 +63,11 @@ class Results:
         self, kind: RecordKind, id: str, settings: Json, made_on: Json | None = None
     ) -> Record:
         """Creates a record, with more provenance, or restarts an unfinished one; see `begin`."""
-        return self.folder(kind, id).begin(Manifest.new(kind, id, settings, made_on or {}))
+        return Record.begin(self.folder(kind, id), Manifest.new(kind, id, settings, made_on or {}))
 
     def find(self, kind: RecordKind, id: str) -> Record | None:
-        """Returns the record of that id, or None; raises as `folder` and `Folder.read`."""
-        return self.folder(kind, id).read()
+        """Returns the record of that id, or None; raises as `folder` and `Record.in_folder`."""
+        return Record.in_folder(self.folder(kind, id))
 
     def has(self, kind: RecordKind, id: str) -> bool:
         """Returns whether there is a record of that id, be it damaged."""
@@ -170,7 +171,7 @@ class Results:
             if not folder.id.startswith(beginning):
                 continue
             try:
-                record = folder.read()
+                record = Record.in_folder(folder)
                 if record is not None:
                     records.append(record)
             except files.RecordError as error:

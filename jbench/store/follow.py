@@ -61,7 +61,7 @@ class Follower:
             record: Record | None = None
             change: Change | None = None
             try:
-                record = folder.read()
+                record = Record.in_folder(folder)
                 if record and (seen or make_line(record).matches(self._filters)):
                     change = record.reading(partial(_change, record, seen))
             except WorkError as error:

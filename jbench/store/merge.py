@@ -15,9 +15,10 @@ from jbench.names import POLICY_FILES
 from jbench.store import files, record_files, schema
 from jbench.store.database import Results
 from jbench.store.files import NoRoomError
+from jbench.store.folder import Folder
 from jbench.store.manifest import ID, KINDS, MANIFEST, RecordKind
 from jbench.store.quarantine import Quarantine
-from jbench.store.record import Folder, Record
+from jbench.store.record import Record
 from jbench.store.rows import has_policy
 from jbench.store.verify import ShowProgress, examine, no_progress
 from jbench.store.weights import has_other_encoder
@@ -129,7 +130,7 @@ def _merged(
                 )
             if outcome == "replaced":
                 quarantine.take_record(results.found(kind, id))
-            other.reading(partial(target.copy_from, other))
+            other.reading(partial(other.copy_to, target))
 
     return outcome
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from jbench.store import files, locks
 from jbench.store.database import Results
+from jbench.store.folder import Folder
 from jbench.store.manifest import MANIFEST
-from jbench.store.record import Folder
 
 
 class Quarantine:

@@ -1,20 +1,20 @@
-"""A folder of results, and the record in it: its manifest, which is the commit, and its files.
+"""A record: its manifest, which is the commit, and its files.
 
 `docs/durability.md` describes how a commit is made.
 """
 
 import contextlib
-import os
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 import pyarrow as pa
 
 from jbench.errors import WorkError
 from jbench.names import Status
-from jbench.store import files, locks, record_files, schema
+from jbench.store import files, record_files, schema
+from jbench.store.folder import Folder
 from jbench.store.manifest import ID, MANIFEST, FileEntry, Json, Manifest, RecordKind
 from jbench.store.provenance import differences, process_provenance, utc_now, with_more, with_note
 from jbench.wording import with_results
@@ -22,89 +22,61 @@ from jbench.wording import with_results
 _Read = TypeVar("_Read")
 
 
-@dataclass(frozen=True)
-class Folder:
-    """A folder of a results directory, which is a record if it has a manifest.
-
-    Attributes:
-        names: of its files and symlinks, and the manifest's even if that is a folder; they are
-            known of a folder that `Results.walk` has found.
-        problem: a clause on why it can't be read; None if it can.
-        may_lack: names of files that the manifest may list although the folder lacks them.
-    """
-
-    path: Path
-    kind: RecordKind
-    id: str
-    names: Collection[str] = (MANIFEST,)
-    problem: str | None = None
-    may_lack: Collection[str] = ()
-
-    def check(self) -> None:
-        """Raises an `UnreadableError` if the folder can't be read."""
-        if self.problem is not None:
-            raise files.UnreadableError(self.path, self.problem)
-
-    def read(self) -> "Record | None":
-        """Returns the record, or None if there is no manifest; see `Manifest.read` for errors."""
-        self.check()
-        path = self.path / MANIFEST
-        manifest = Manifest.read(path) if MANIFEST in self.names else None
-        if manifest is None:
-            return None
-        if not ID.fullmatch(self.id):
-            raise files.DamagedError(path, f"is in {self.id!r}, which is not an id")
-
-        named = f"{manifest.kind} {manifest.id}"
-        if named != f"{self.kind} {self.id}":
-            raise files.DamagedError(path, f"calls itself {named}; it is not read")
-
-        left_out = tuple(filter(self._is_left_out, manifest.files))
-        if left_out:
-            there = tuple(entry for entry in manifest.files if entry not in left_out)
-            manifest = manifest.model_copy(update={"files": there})
-
-        return Record(self, manifest, left_out)
-
-    def _is_left_out(self, entry: FileEntry) -> bool:
-        """Returns whether a file was left out on purpose, such as a policy that the wheel lacks."""
-        return entry.name in self.may_lack and not os.path.lexists(self.path / entry.name)
-
-    def lock(self) -> contextlib.AbstractContextManager[None]:
-        """Locks the folder during a block; see `locks.hold`."""
-        files.make_directory(self.path)
-        return locks.hold(self.path, f"the {self.kind} {self.id}")
-
-    def begin(self, manifest: Manifest) -> "Record":
-        """Makes the record, or replaces what it holds.
-
-        As all methods that write, raises a RequestError if the directory is not writable, and a
-        WorkError if the disk is full or fails.
-        """
-        files.make_directory(self.path)
-        files.write_atomic(self.path / MANIFEST, manifest.to_bytes())
-        record = Record(self, manifest)
-        record.clean()
-        return record
-
-    def copy_from(self, source: "Record") -> "Record":
-        """Copies an intact record of other results; call it while holding the lock."""
-        for entry in source.manifest.files:
-            files.write_atomic(self.path / entry.name, record_files.read(source.path, entry))
-        return self.begin(source.manifest)
-
-
 @dataclass(eq=False, repr=False)
 class Record:
     """A dataset, an encoder, a run, an evaluation or an import: its manifest and its files.
 
-    `Folder.read` makes it. Files that its folder `may_lack`, and lacks, are taken from the list of
+    `in_folder` reads it. Files that its folder `may_lack`, and lacks, are taken from the list of
     the manifest: they are `left_out`, as most policies are of the wheel's results.
     """
 
     folder: Folder
     manifest: Manifest
     left_out: tuple[FileEntry, ...] = ()
+
+    @classmethod
+    def in_folder(cls, folder: Folder) -> Self | None:
+        """Returns the record of a folder, or None if there is no manifest.
+
+        Raises an `UnreadableError` if the folder can't be read; see `Manifest.read` for others.
+        """
+        folder.check()
+        path = folder.path / MANIFEST
+        manifest = Manifest.read(path) if MANIFEST in folder.names else None
+        if manifest is None:
+            return None
+        if not ID.fullmatch(folder.id):
+            raise files.DamagedError(path, f"is in {folder.id!r}, which is not an id")
+
+        named = f"{manifest.kind} {manifest.id}"
+        if named != f"{folder.kind} {folder.id}":
+            raise files.DamagedError(path, f"calls itself {named}; it is not read")
+
+        left_out = tuple(filter(folder.has_left_out, manifest.files))
+        if left_out:
+            there = tuple(entry for entry in manifest.files if entry not in left_out)
+            manifest = manifest.model_copy(update={"files": there})
+
+        return cls(folder, manifest, left_out)
+
+    @classmethod
+    def begin(cls, folder: Folder, manifest: Manifest) -> Self:
+        """Makes the record of a folder, or replaces what it holds.
+
+        As all methods that write, raises a RequestError if the directory is not writable, and a
+        WorkError if the disk is full or fails.
+        """
+        files.make_directory(folder.path)
+        files.write_atomic(folder.path / MANIFEST, manifest.to_bytes())
+        record = cls(folder, manifest)
+        record.clean()
+        return record
+
+    def copy_to(self, folder: Folder) -> Self:
+        """Copies the record, which is intact, to a folder of other results, which is locked."""
+        for entry in self.manifest.files:
+            files.write_atomic(folder.path / entry.name, record_files.read(self.path, entry))
+        return self.begin(folder, self.manifest)
 
     @property
     def path(self) -> Path:
@@ -135,7 +107,7 @@ class Record:
         # Compared as bytes, since a summary may contain NaN, which never equals itself.
         before = self.manifest.to_bytes()
         with contextlib.suppress(WorkError):
-            now = self.folder.read()
+            now = self.in_folder(self.folder)
             if now is not None:
                 self.manifest = now.manifest
                 self.left_out = now.left_out

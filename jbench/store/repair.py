@@ -13,10 +13,10 @@ from typing import NamedTuple
 from jbench.errors import RequestError, WorkError
 from jbench.store import locks
 from jbench.store.database import Results
+from jbench.store.folder import Folder
 from jbench.store.manifest import RecordKind
 from jbench.store.provenance import shell_command
 from jbench.store.quarantine import Quarantine
-from jbench.store.record import Folder
 from jbench.store.verify import Flaw, examine
 
 

@@ -16,8 +16,9 @@ from jbench.settings.base import settings_hash
 from jbench.store import locks, record_files, schema
 from jbench.store.database import Results
 from jbench.store.files import DamagedError, RecordError, Sort
+from jbench.store.folder import Folder
 from jbench.store.manifest import KINDS, MANIFEST, FileEntry, RecordKind
-from jbench.store.record import Folder, Record
+from jbench.store.record import Record
 from jbench.store.rows import make_row
 from jbench.store.weights import has_other_encoder
 
@@ -124,7 +125,7 @@ def _check(folder: Folder) -> tuple[Record | None, list[Flaw]]:
     errors = list[RecordError]()
     record: Record | None = None
     try:
-        record = folder.read()
+        record = Record.in_folder(folder)
         if record is not None:
             make_row(record)
             expected = settings_hash(record.settings)

@@ -3,7 +3,7 @@
 import pyarrow as pa
 
 from jbench.settings.base import settings_hash
-from jbench.store import schema
+from jbench.store import Record, schema
 from jbench.store.manifest import Manifest
 from tests.store.store_rows import RUN_SETTINGS, episodes
 
@@ -28,7 +28,7 @@ def restart(run):
     """Starts an unfinished run over; only the time of creation tells the two apart."""
     created = run.manifest.created
     while run.manifest.created == created:
-        run.folder.begin(Manifest.new(run.kind, run.id, run.settings, {}))
+        Record.begin(run.folder, Manifest.new(run.kind, run.id, run.settings, {}))
         run.refresh()
 
 

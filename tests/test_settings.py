@@ -5,10 +5,11 @@ import pytest
 from jbench.settings.algorithms import algorithm_settings, default_base
 from jbench.settings.code_words import CodeVersion, first_dates
 from jbench.settings.defaults import foreign_differences
+from jbench.settings.labels import CUT
 from jbench.settings.recorded import Unreadable, alike, comparable, flatten, read_run
 from jbench.settings.records import ExternalSettings, Labels
 from jbench.settings.run import RunSettings
-from jbench.settings.variants import CUT, chosen_words, variant_labels, variant_words
+from jbench.settings.variants import chosen_words, variant_labels, variant_words
 
 RUN = {
     "task": "face_direction",

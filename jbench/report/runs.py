@@ -14,9 +14,9 @@ from jbench.report.data.configuration import ID, with_returns
 from jbench.report.data.sources import Source
 from jbench.representation_names import kind_in, shown_representation
 from jbench.settings.algorithms import display_name
+from jbench.settings.labels import value_text
 from jbench.settings.recorded import flatten, parse_run
 from jbench.settings.run import RunSettings
-from jbench.settings.variants import value_text
 
 COLUMNS = [
     "source",

@@ -12,8 +12,8 @@ from jbench.errors import RequestError
 from jbench.report.data.code import recorded_code, split_by_code
 from jbench.report.request import OF, representations_meant, setting, settings_typed
 from jbench.settings.code_words import CODE_LENGTH, CODE_WORDS
+from jbench.settings.labels import value_text
 from jbench.settings.recorded import comparable, flatten, parse_run
-from jbench.settings.variants import value_text
 from jbench.typed_values import closest
 
 

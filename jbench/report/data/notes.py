@@ -10,7 +10,8 @@ from jbench.report.data.configuration import Configuration
 from jbench.report.data.encoder_weights import notes_on_weights
 from jbench.report.data.source_names import FILE, has_return_range
 from jbench.returns import EVALUATION, TRAINING
-from jbench.settings.variants import CUT, chosen_words
+from jbench.settings.labels import CUT
+from jbench.settings.variants import chosen_words
 from jbench.statistics.bootstrap import MIN_SEEDS
 from jbench.wording import are, counted
 

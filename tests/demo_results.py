@@ -13,7 +13,8 @@ import safetensors.numpy
 from jbench.datasets import collect
 from jbench.encoders import saved
 from jbench.encoders.settings import encoder_settings
-from jbench.policies.layers import Linear, relu_layers
+from jbench.policies.layer_sequences import relu_layers
+from jbench.policies.layers import Linear
 from jbench.policies.network import SavedNetwork
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.records import DatasetSettings

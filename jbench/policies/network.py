@@ -11,7 +11,8 @@ import safetensors.numpy
 from jbench.array_types import Float32Array
 from jbench.arrays import Array, namespace
 from jbench.names import POLICY_FILES
-from jbench.policies.layers import LAYERS, Linear, SavedLayer, feature_layers, relu_layers
+from jbench.policies.layer_sequences import feature_layers, relu_layers
+from jbench.policies.layers import LAYERS, Linear, SavedLayer
 
 WEIGHTS, DESCRIPTION = POLICY_FILES
 

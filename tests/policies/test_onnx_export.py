@@ -17,6 +17,7 @@ from jbench.encoders.registry import kind_names, latent_sizes, make_kind
 from jbench.encoders.saved import SavedEncoder
 from jbench.errors import RequestError
 from jbench.policies import layers
+from jbench.policies.layer_sequences import feature_layers, relu_layers
 from jbench.policies.layers import (
     Clip,
     Elu,
@@ -29,8 +30,6 @@ from jbench.policies.layers import (
     Sigmoid,
     Silu,
     Tanh,
-    feature_layers,
-    relu_layers,
 )
 from jbench.policies.network import SavedNetwork
 from jbench.policies.onnx_export import export_onnx

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import safetensors.numpy
 
-from jbench.policies.layers import Linear, relu_layers
+from jbench.policies.layer_sequences import relu_layers
+from jbench.policies.layers import Linear
 from jbench.policies.network import WEIGHTS, SavedNetwork
 
 

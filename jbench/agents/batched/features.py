@@ -14,14 +14,8 @@ from jbench.agents.batched.layers import Affine, Layer, affine_count, affine_vie
 from jbench.agents.batched.learner import initialize_uniform
 from jbench.agents.batched.replay import Batch
 from jbench.agents.batched.tensors import Tensors
-from jbench.policies.layers import (
-    MAX_INPUT,
-    Divide,
-    Linear,
-    SavedLayer,
-    Shift,
-    feature_layers,
-)
+from jbench.policies.layer_sequences import MAX_INPUT, feature_layers
+from jbench.policies.layers import Divide, Linear, SavedLayer, Shift
 from jbench.settings.records import OFESettings
 
 MIN_DEVIATION = 1e-3

@@ -14,7 +14,8 @@ from jbench.agents.batched.layers import Affine
 from jbench.agents.batched.network import Layout, Network
 from jbench.agents.batched.replay import Batch
 from jbench.agents.batched.tensors import Tensors
-from jbench.policies.layers import Linear, SavedLayer, relu_layers
+from jbench.policies.layer_sequences import relu_layers
+from jbench.policies.layers import Linear, SavedLayer
 from jbench.policies.network import SavedNetwork
 from jbench.settings.algorithms import AlgorithmSettings, Initialization, OffPolicySettings
 

@@ -6,7 +6,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from jbench.policies.layers import Divide, Shift, standardizing_layers
+from jbench.policies.layer_sequences import standardizing_layers
+from jbench.policies.layers import Divide, Shift
 from jbench.policies.network import SavedNetwork
 from jbench.settings.algorithms import AlgorithmSettings
 

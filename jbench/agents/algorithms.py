@@ -13,7 +13,7 @@ from jbench.agents.find import algorithm_provenance, find_class, find_engine, pa
 from jbench.agents.plugin import Agent
 from jbench.errors import RequestError
 from jbench.names import TASKS, EngineName, SettingsBase
-from jbench.settings.algorithms import SETTINGS, algorithm_settings, default_base
+from jbench.settings.algorithms import SETTINGS, default_base, own_algorithm_fields
 from jbench.settings.algorithms.base import Changes
 from jbench.settings.base import Settings, canonical_json, omissible, settings_with
 from jbench.settings.run import RunSettings
@@ -138,15 +138,15 @@ def algorithm_fields(
         RequestError: if there is no such algorithm, or a setting is unknown or invalid.
         WorkError: if the package of an agent can't be imported.
     """
-    fields: dict[str, Any] = {"algo": algo, "engine": choose_engine(algo, engine)}
-    changes = dict(overrides or {})
     if algo in SETTINGS:
-        ours = algorithm_settings(algo, default_base(task, base), changes)
-        return fields | {"hyperparameters": ours.model_dump(mode="json")}
+        return own_algorithm_fields(algo, engine, default_base(task, base), overrides)
 
+    chosen_engine = choose_engine(algo, engine)
     of_source = _source_changes(algo, base, task)
-    settings = settings_with(settings_class(algo), algo, {**of_source, **changes})
-    return fields | {
+    settings = settings_with(settings_class(algo), algo, {**of_source, **(overrides or {})})
+    return {
+        "algo": algo,
+        "engine": chosen_engine,
         "hyperparameters": _recorded(algo, settings),
         "package": package_and_version(algo),
         "sources": checksum(algorithm_provenance(algo).get("sources", {})),

@@ -10,9 +10,9 @@ from jbench.names import SettingsBase
 from jbench.representation_names import FULL, kind_in, shown_representation
 from jbench.settings.algorithms import (
     SETTINGS,
-    algorithm_settings,
     default_base,
     default_time_limit,
+    own_algorithm_fields,
 )
 from jbench.settings.base import canonical_json, in_id, task_and_representation, validated
 from jbench.settings.evaluations import evaluation_schedule
@@ -91,12 +91,7 @@ class Arm:
         """The fields of `RunSettings` that describe the algorithm."""
         overrides = self.part.hyperparameters.get(self.algo)
         if self.algo in SETTINGS:
-            ours = algorithm_settings(self.algo, self.base, overrides)
-            return {
-                "algo": self.algo,
-                "engine": SETTINGS[self.algo].choose_engine(self.algo, self.part.engine),
-                "hyperparameters": ours.model_dump(mode="json"),
-            }
+            return own_algorithm_fields(self.algo, self.part.engine, self.base, overrides)
 
         # Algorithms of other packages need torch.
         from jbench.agents.algorithms import algorithm_fields

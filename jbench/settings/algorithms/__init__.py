@@ -20,6 +20,7 @@ from jbench.settings.algorithms.by_name import (
     default_base,
     default_time_limit,
     display_name,
+    own_algorithm_fields,
 )
 from jbench.settings.algorithms.ddpg import DDPGSettings
 from jbench.settings.algorithms.foreign import Foreign, ForeignRule
@@ -45,4 +46,5 @@ __all__ = [
     "default_base",
     "default_time_limit",
     "display_name",
+    "own_algorithm_fields",
 ]

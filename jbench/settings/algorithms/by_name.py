@@ -5,7 +5,7 @@ from typing import Any
 
 from jbench import task_specs
 from jbench.errors import RequestError
-from jbench.names import SettingsBase, TimeLimit
+from jbench.names import EngineName, SettingsBase, TimeLimit
 from jbench.settings.algorithms.base import AlgorithmSettings
 from jbench.settings.algorithms.ddpg import DDPGSettings
 from jbench.settings.algorithms.ppo import PPOSettings
@@ -74,3 +74,20 @@ def algorithm_settings(
         raise RequestError(f"{why}.")
 
     return settings_with(kind, algo, {**kind.bases[base], **(overrides or {})})
+
+
+def own_algorithm_fields(
+    algo: str,
+    engine: EngineName | None,
+    base: SettingsBase,
+    overrides: Mapping[str, Any] | None,
+) -> dict[str, Any]:
+    """Returns the fields of `RunSettings` that describe one of `ALGORITHMS`.
+
+    Raises a RequestError if it does not have the engine, and as `algorithm_settings`.
+    """
+    return {
+        "algo": algo,
+        "engine": SETTINGS[algo].choose_engine(algo, engine),
+        "hyperparameters": algorithm_settings(algo, base, overrides).model_dump(mode="json"),
+    }

@@ -43,6 +43,11 @@ def are(count: int) -> str:
     return "is" if count == 1 else "are"
 
 
+def were(count: int) -> str:
+    """Returns the same verb in the past."""
+    return "was" if count == 1 else "were"
+
+
 def have(count: int) -> str:
     """Returns the other verb for a number of things."""
     return "has" if count == 1 else "have"

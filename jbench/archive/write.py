@@ -22,6 +22,7 @@ from jbench.store import Record, Results, files
 from jbench.store.manifest import RecordKind
 from jbench.store.verify import verify
 from jbench.studies.rebuilt_matrix import matrix_text
+from jbench.wording import counted
 
 _KINDS: tuple[RecordKind, ...] = ("encoder", "run", "evaluation", "import")
 """Kinds in an archive, those that others refer to first. Datasets are left out: encoders have
@@ -39,7 +40,7 @@ Written by jbench {version}. Install it from a checkout (pip install .) or from 
     jbench report --results results     the report, made again; the original is report/index.html
     jbench sweep matrix.toml            trains these runs
 
-{runs} runs; failed or left out: {missing}.
+{runs}; failed or left out: {missing}.
 """
 
 
@@ -188,7 +189,7 @@ def _write_texts(
     encoders = {record.id: record.settings for record in target.scan("encoder")[0]}
     failed = [f"run {run.id}: failed" for run in runs if run.status == "failed"]
     missing = "; ".join([*failed, *left_out]) or "none"
-    text = _README.format(version=version, runs=len(runs), missing=missing)
+    text = _README.format(version=version, runs=counted(len(runs), "run"), missing=missing)
     texts = {
         "README.txt": text,
         "matrix.toml": matrix_text([run.settings for run in runs], encoders, datasets),

@@ -226,7 +226,8 @@ def _dataset(dataset: str | None, task: str | None, out: Path | None, results: P
         id, size = export_minari(source, task, root, progress)
 
     output.say(
-        f"Exported {source.id} with the observations of {task}: {source.episodes:,} episodes, "
+        f"Exported {source.id} with the observations of {task}: "
+        f"{counted(source.episodes, 'episode')}, "
         f"{size / 1e6:.1f} MB, in {root / id}. With MINARI_DATASETS_PATH={root}, Minari "
         f'loads it by minari.load_dataset("{id}").'
     )

@@ -13,6 +13,7 @@ from jbench.settings.run import TYPED, RunSettings
 from jbench.studies.file import NULL
 from jbench.studies.matrix import OF_EVALUATION
 from jbench.typed_values import in_ranges
+from jbench.wording import counted, were
 
 _OWN = ("tasks", "algos", "representations", "seeds", "encoder", "ofe")
 """Keys of a part that are never written once for all parts."""
@@ -77,7 +78,8 @@ def matrix_text(runs: Iterable[Mapping[str, Any]], encoders: Recorded, datasets:
     lines = ["# What trains these runs: jbench sweep matrix.toml"]
     for name, count in others.items():
         lines.append(
-            f"# {count} runs of {name} were trained by another program, or by changed code."
+            f"# {counted(count, 'run')} of {name} {were(count)} trained by another program, or by "
+            "changed code."
         )
     unknown = (_unknown_of_encoder(group.run, encoders, datasets) for group in trained)
     lines += filter(None, dict.fromkeys(unknown))

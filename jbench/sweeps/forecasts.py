@@ -94,7 +94,8 @@ def memory_sentence(runs: Sequence[RunSettings], device: str = "cpu") -> str | N
         what = "the GPU's memory"
         free = torch.cuda.mem_get_info(device)[0] if torch.cuda.is_available() else None
 
-    text = f"The replay buffers of {len(runs)} runs will take up to {needed / 1e9:.1f} GB of {what}"
+    named = counted(len(runs), "run")
+    text = f"The replay buffers of {named} will take up to {needed / 1e9:.1f} GB of {what}"
     if free is None or needed <= _USABLE * free:
         return f"{text}."
 

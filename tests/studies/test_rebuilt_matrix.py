@@ -155,7 +155,7 @@ def test_values_that_toml_does_not_have_are_written_as_toml(tmp_path):
 
 def test_recorded_commands_stand_as_typed_and_other_programs_are_comments():
     td3 = read_run({"engine": "cpu", "task": "a\nb", "algo": "x", "representation": "full"})
-    assert "# 1 runs of a b x full were trained by another program" in matrix_text(
+    assert "# 1 run of a b x full was trained by another program" in matrix_text(
         [td3.values], {}, {}
     )
     words = ["/home/ada/bin/jbench", "train", "--set", "hidden_layers=[8, 8]"]

@@ -202,7 +202,8 @@ def import_(
     output.if_stopped("Curves that were imported are kept; the same command imports the others.")
     imported = import_curves(database, files, request)
     for curve in imported:
-        line = f"{curve.id}: {curve.points:,} points, {curve.control_steps:,} control steps"
+        length = counted(curve.control_steps, "control step")
+        line = f"{curve.id}: {counted(curve.points, 'point')}, {length}"
         if not curve.is_new:
             line += "; imported before, nothing is changed"
         output.say(line)

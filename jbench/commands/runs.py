@@ -81,10 +81,11 @@ def runs(
         header = [name for name in rows[0] if any(row[name] not in (None, "") for row in rows)]
         cells = [[row[name] for name in header] for row in rows]
         output.table(counted(len(rows), kind), header, cells, _SPARE, below=("error",))
-    elif filters:
-        output.say(f"No such {kind}s in {results}.")
     else:
-        output.say(f"No {kind}s in {results}.")
+        wanted = f"such {kind}s" if filters else f"{kind}s"
+        output.say(f"No {wanted} in {results}.")
+        if kind == "run" and list_runs(database, filters, kind="import")[0]:
+            output.say("There are imported curves, which --imports lists.")
 
     output.document({f"{kind}s": [asdict(line) for line in lines], "problems": problems})
     output.warn_of_damage(problems, repair_hint(results))

@@ -32,6 +32,8 @@ def open_file(path: Path) -> ImportedFile:
     except IsADirectoryError:
         raise RequestError(f"{path} is a directory; name the files in it.") from None
     except OSError as error:
+        if "*" in str(path):  # a shell leaves a pattern as it is if no file matches
+            raise RequestError(f"No file matches {path}; type where the files are.") from None
         raise RequestError(f"{path} can't be read ({error.strerror}).") from None
 
     sha256 = hashlib.sha256(content).hexdigest()

@@ -25,6 +25,7 @@ from jbench.sources import checksum
 from jbench.tasks.environment_specification import (
     UnusableError,
     advice_on_limit,
+    advice_on_seeds,
     declared_limit,
     may_end_early,
     measured_limit,
@@ -106,10 +107,7 @@ class EnvironmentMaker(Task):
         self.has_one_model = self.reseeds
         self.has_unit_rewards = not is_gymnasium
         if not self.reseeds and not takes_random:
-            raise UnusableError(
-                "its episodes can't be seeded: give its task a RandomState `random`, or its "
-                "factory an argument `random`"
-            )
+            raise UnusableError(f"its episodes can't be seeded: {advice_on_seeds(environment)}")
 
         self.has_physics = mujoco_physics(environment) is not None
         self.render_fps = render_fps(environment)

@@ -195,6 +195,20 @@ def advice_on_limit(task: str, is_gymnasium: bool) -> str:
     return "give it the attribute episode_steps, the control steps of its time limit"
 
 
+def advice_on_seeds(environment: Any) -> str:
+    """Returns what makes the random numbers of an environment follow from a seed, as a clause."""
+    is_composed = isinstance(getattr(environment, "random_state", None), np.random.RandomState)
+    if is_composed:
+        return (
+            "let its function take a seed as its argument `random`, and pass this to "
+            "composer.Environment as random_state"
+        )
+    return (
+        "give its task a RandomState `random`, or let its function take a seed as its argument "
+        "`random`"
+    )
+
+
 def measured_limit(environment: Any, bounds: CommandBounds, advice: str) -> int:
     """Returns the control steps after which an environment truncates an episode.
 

@@ -198,6 +198,21 @@ def test_records_keep_names_and_checksums_of_files(monitor_file, imports, rows):
     ]
 
 
+def test_pattern_that_no_file_matches(tmp_path, import_error):
+    pattern = tmp_path / "*" / "monitor.csv"  # as a shell leaves it
+    error = import_error("sb3-monitor", pattern)
+    assert f"No file matches {pattern}; type where the files are." in error
+
+
+def test_curve_of_one_point_is_counted_as_one(tmp_path, imports):
+    file = tmp_path / "seed1" / "progress.csv"
+    file.parent.mkdir()
+    file.write_text("global_step,return\n1000,5\n")
+    code, out, _ = imports("csv", file)
+    assert code == 0
+    assert ": 1 point, 1,000 control steps" in out
+
+
 def test_imports_are_listed_verified_merged_and_repaired(monitor_file, imports, tmp_path, capsys):
     assert imports("sb3-monitor", monitor_file(1, EPISODES[1]))[0] == 0
     results, other = tmp_path / "results", tmp_path / "other"
@@ -207,6 +222,9 @@ def test_imports_are_listed_verified_merged_and_repaired(monitor_file, imports, 
     (line,) = json.loads(capsys.readouterr().out)["imports"]
     # The last quarter of three episodes is one.
     assert (line["algo"], line["seed"], line["episodes"], line["last_return"]) == ("td3", 1, 3, 900)
+    assert main(["runs", "--algo", "td3", "--results", str(other)]) == 0
+    out = capsys.readouterr().out
+    assert out == f"No such runs in {other}.\nThere are imported curves, which --imports lists.\n"
     assert main(["runs", "--imports", "--results", str(other)]) == 0
     words = [line.split() for line in capsys.readouterr().out.splitlines()]
     (header,) = [line for line in words if line[:1] == ["import"]]

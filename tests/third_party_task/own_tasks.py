@@ -133,6 +133,12 @@ def unseeded():
     return Integrator()
 
 
+def composed():
+    made = Integrator()
+    made.random_state = np.random.RandomState(0)  # as composer.Environment has it
+    return made
+
+
 def nothing():
     return None
 

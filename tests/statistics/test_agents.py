@@ -54,6 +54,7 @@ def test_unequal_numbers_of_episodes_have_fewer_degrees_of_freedom():
     returns = [[-1, 1], 4 + np.repeat([-1, 1], 4) * 1.75**0.5]
     agents = agents_from(returns)
     assert agents.episode_variance == pytest.approx(0.625)
+    assert components(agents).episode_deviation == pytest.approx(2**0.5)
     upper = stats.f(1, 1.549).isf(0.025)
     assert components(agents).low == pytest.approx(max(8 / upper - 0.625, 0) ** 0.5, abs=1e-2)
 

@@ -118,6 +118,7 @@ def test_comparisons_without_enough_seeds_or_that_are_equal():
     undecided = evidence(-1, 1)
     assert final_level([few, undecided, undecided]) == 0.05 / 2
     assert final_level([larger, undecided, undecided]) == 0.05 / 2
+    assert final_level([few, larger, undecided, undecided]) == 0.05 / 2
     assert final_level([equal, undecided, undecided]) == 0.05 / 3
 
 

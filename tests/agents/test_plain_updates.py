@@ -132,6 +132,22 @@ def test_updates_equal_autograd(case, actions):
             torch.testing.assert_close(getattr(learner, name), expected, rtol=0, atol=1e-10)
 
 
+def test_log_sigma_of_sac_beyond_its_bounds_has_no_gradient():
+    settings = build_settings("sac", **FAST)
+    _, learner = build_learner("sac", settings, torch.float64, action_size=6)
+    learner.initialize(torch.Generator().manual_seed(1))
+    log_sigma = learner.actor.layers[-1].bias[6:]
+    log_sigma[:3] = 5.0  # the upper bound is 2
+    plain = PlainSAC(settings, SIZE, 6)
+    layers = [*paired_layers("sac", learner, plain)]
+    copy_parameters(layers)
+    batch = transitions(torch.Generator().manual_seed(2), 6, learner.noise_per_transition)
+    plain.update(batch)
+    learner.update(batch)
+    assert_equal_parameters(layers)
+    assert (log_sigma == 5.0).tolist() == [True] * 3 + [False] * 3
+
+
 def first_layers(algo, **changes):
     settings = algorithm_settings(algo, overrides={"hidden_layers": [200, 100], **changes})
     _, learner = build_learner(algo, settings)

@@ -57,7 +57,7 @@ def leaderboard(
         Request,
         "the leaderboard",
         task=task and parsing.known_or_held("task", task, read),
-        algo=algo,
+        algo=() if algo is None else (algo,),
         returns=returns,
     )
     ranked, problems = ranked_configurations(databases, request)

@@ -265,6 +265,13 @@ POLICY_TASK = some_task(
 )
 ONE_TASK = some_task(None, help="Only this task.")
 ONE_ALGORITHM = Option(None, help="Only this algorithm.", autocompletion=lambda: ALGORITHMS)
+SOME_ALGORITHMS = Option(
+    [],
+    "--algo",
+    metavar="ALGO",
+    help="Only this algorithm, or these, with commas; repeatable.",
+    autocompletion=lambda: ALGORITHMS,
+)
 ONE_REPRESENTATION = Option(
     None, help="Only this representation, such as full or dae12, or all of a kind, such as dae."
 )

@@ -23,7 +23,11 @@ from jbench.wording import repair_hint
 if TYPE_CHECKING:
     from jbench.report.frames import Frames
     from jbench.report.report import WrittenReport
+    from jbench.report.table import Table
     from jbench.store import Results
+
+_FEW_TESTS = 40
+"""Tests of claims that a terminal shows one by one: about a page of it."""
 
 
 @options.with_settings(
@@ -42,7 +46,7 @@ if TYPE_CHECKING:
 )
 def report(
     task: str | None = options.ONE_TASK,
-    algo: str | None = options.ONE_ALGORITHM,
+    algo: list[str] = options.SOME_ALGORITHMS,
     compare: tuple[str, str] | None = Option(
         None,
         metavar="A B",
@@ -107,6 +111,7 @@ def report(
 
     It has learning curves, statistics and tables, as files and as an HTML page.
     """
+    algo = [name for text in algo for name in parsing.comma_separated(text)]
     sides = [Path(side) for side in compare or () if is_directory(side)]
     database, read = _databases(results, sides, curves)
     _check_studies(study)
@@ -118,7 +123,7 @@ def report(
         raise RequestError("--results and --curves exclude each other; type one of them.")
     if curves is None:  # a file may have tasks and algorithms that only it knows
         task = task and parsing.known_or_held("task", task, read)
-        algo = algo and parsing.known_or_held("algo", algo, read)
+        algo = [parsing.known_or_held("algo", name, read) for name in algo]
 
     columns_of_table = None
     if table_columns is not None:
@@ -129,7 +134,7 @@ def report(
         Request,
         "the report",
         task=task,
-        algo=algo,
+        algo=tuple(dict.fromkeys(algo)),
         formats=tuple(dict.fromkeys(format_)),
         compare=compare,
         curves=curves,
@@ -238,18 +243,35 @@ def _print_tables(frames: "Frames") -> None:
     from jbench.report.verdict_matrices import verdict_matrices
 
     request = frames.request
-    asked = {"comparisons", "claims"}
+    asked = {"comparisons"}
     if not request.compare:
         asked.update(["final_returns", "verdicts"])
     if request.study:
         asked.add("sequential_test")
 
     for table in tables(frames):
-        if table.name == "verdicts" and table.name in asked and not request.claims:
+        if table.name == "claims":
+            _print_claims(frames, table)
+        elif table.name == "verdicts" and table.name in asked:
             for matrix in verdict_matrices(frames):
                 print_verdicts(table.title, matrix)
         elif table.name in asked:
             output.frame(table.title, table.texts(), table.spare)
+
+
+def _print_claims(frames: "Frames", tests: "Table") -> None:
+    """Prints how many comparisons support each claim, and each comparison if they are few."""
+    from jbench.report.comparison_tables import claim_counts_table
+
+    counts = claim_counts_table(frames)
+    output.frame(counts.title, counts.texts(), counts.spare)
+    if len(tests.frame) <= _FEW_TESTS:
+        output.frame(tests.title, tests.texts(), tests.spare)
+    else:
+        output.say(
+            f"All {len(tests.frame)} comparisons, with effects and intervals, are in the page, in "
+            "tables/claims.csv and in the document of --json."
+        )
 
 
 def _document(written: "WrittenReport") -> dict[str, Any]:

@@ -114,7 +114,7 @@ class OpenedResults:
             column for each other setting, such as learning_rate. Settings that an algorithm does
             not have are missing values.
         """
-        request = validated(Request, "the runs", task=task, algo=algo)
+        request = _request("the runs", task, algo)
         source = self._rows(request, representation)
         seeds = seed_frame(source.configurations)
         finals = seeds.pivot(index=["source", "run"], columns="returns", values="final")
@@ -161,7 +161,7 @@ class OpenedResults:
             setting that differs between the curves has a column of its own, such as learning_rate.
         """
         typed = {"returns": returns, "window": window, "order": order}
-        request = validated(Request, "the curves", task=task, algo=algo, **typed)
+        request = _request("the curves", task, algo, **typed)
         source = self._rows(request, representation)
 
         chosen = with_returns(source.configurations, returns)
@@ -196,6 +196,12 @@ class OpenedResults:
             return source
 
         return _with_representation(source, representation)
+
+
+def _request(what: str, task: str | None, algo: str | None, **typed: Any) -> Request:
+    """Returns the request of runs or curves; a RequestError if a value is invalid."""
+    algos = () if algo is None else (algo,)
+    return validated(Request, what, task=task, algo=algos, **typed)
 
 
 def _with_representation(source: sources.Source, typed: str) -> sources.Source:

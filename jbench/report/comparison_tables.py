@@ -2,8 +2,9 @@
 
 from jbench.numbers import ratio, signed, steps
 from jbench.report.analysis.claim_frame import paper_claims
-from jbench.report.analysis.findings import SIMILAR_RETURN
+from jbench.report.analysis.findings import SIMILAR_RETURN, VERDICTS_ON_CLAIMS
 from jbench.report.frames import Frames
+from jbench.report.sides import named_sides
 from jbench.report.table import (
     ALGO,
     INTERVAL,
@@ -91,13 +92,17 @@ def decisions_table(frames: Frames) -> Table:
 
 def comparisons_table(frames: Frames) -> Table:
     """Returns the table of the comparisons that were asked for, of two sides or of methods."""
+    title = "Comparison of methods"
+    names = [plain("this", "a"), plain("against", "b")]
+    if frames.request.compare is not None:
+        title = f"Comparison: {named_sides(frames.request.compare).together}"
+        names = [plain("against"), plain("returns")]
+
     columns = [
         TASK,
         ALGO,
         OBSERVED,
-        *([] if frames.request.curves else [plain("returns")]),
-        plain("this", "a"),
-        plain("against", "b"),
+        *names,
         Column("seeds", "seeds_a", "{0[seeds_a]}, {0[seeds_b]}".format, True),
         number("steps", "steps", steps),
         with_ends("probability", "p", ratio),
@@ -110,8 +115,7 @@ def comparisons_table(frames: Frames) -> Table:
         f"difference of the interquartile means. {INTERVAL} The verdict is corrected for the "
         f"number of rows. {_similar(frames)}".rstrip()
     )
-    title = "Comparison of methods" if frames.request.curves else "Comparison of two sides"
-    spare = ("returns", "probability")
+    spare = ("probability", "steps", "difference")
     return Table("comparisons", title, caption, frames.comparisons, columns, spare)
 
 
@@ -134,3 +138,25 @@ def claims_table(frames: Frames) -> Table:
     caption = f"{tests} In brackets: 95% interval, 90% for ({SIMILAR_RETURN})."
     spare = ("remark", "by episodes alone", "seeds that would decide")
     return Table("claims", "The paper's claims", caption, frames.claims, columns, spare)
+
+
+def claim_counts_table(frames: Frames) -> Table:
+    """Returns how many comparisons support each claim of the paper, by runs and kind of return."""
+    found = frames.claims.assign(count=1)
+    keys = ["claim", "statement", "source", "returns"]
+    counts = found.pivot_table(
+        index=keys, columns="verdict", values="count", aggfunc="sum", fill_value=0, sort=False
+    )
+    counts = counts.reindex(columns=VERDICTS_ON_CLAIMS, fill_value=0).reset_index()
+    columns = [
+        Column("claim", "claim", "({0[claim]}) {0[statement]}".format),
+        plain("runs", "source"),
+        plain("returns"),
+        *(number(verdict, verdict, str) for verdict in VERDICTS_ON_CLAIMS),
+    ]
+    caption = (
+        "Number of comparisons with each verdict; undecided is not a verdict of no difference."
+    )
+    return Table(
+        "claim_counts", "The paper's claims: number of comparisons", caption, counts, columns
+    )

@@ -1,6 +1,6 @@
 """Frames of learning curves: across seeds, of each run, by processor time, and the paper's."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 import numpy as np
 import pandas as pd
@@ -90,7 +90,10 @@ def processor_frame(curves: Curves) -> pd.DataFrame:
 
 
 def published_frame(
-    published: pd.DataFrame, tasks: Iterable[str], algo: str | None = None, imported: Curves = ()
+    published: pd.DataFrame,
+    tasks: Iterable[str],
+    algos: Collection[str] = (),
+    imported: Curves = (),
 ) -> pd.DataFrame:
     """Returns the paper's curves of training returns on some tasks, with the names of a page.
 
@@ -98,7 +101,7 @@ def published_frame(
     leaves NaN.
     """
     shown = published[published["task"].isin([*tasks])]
-    shown = shown if algo is None else shown[shown["algo"] == algo]
+    shown = shown[shown["algo"].isin(algos)] if algos else shown
     shown = shown.assign(algo=shown["algo"].map(display_name))
     names = shown["representation"]
     shown = shown.assign(kind=names.map(kind_in), representation=names.map(shown_representation))

@@ -9,7 +9,8 @@ import pandas as pd
 
 from jbench.names import TASKS
 from jbench.report.analysis.scores import seed_scores
-from jbench.report.data.configuration import ID, Configurations, differing_in, in_order
+from jbench.report.data.configuration import ID, Configurations, differing_in
+from jbench.report.data.order import in_order
 from jbench.representation_names import ENCODER_KINDS, kind_in, shown_representation
 from jbench.settings.base import settings_hash, task_and_representation
 from jbench.settings.code_words import CodeVersion, first_dates

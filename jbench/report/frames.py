@@ -15,6 +15,8 @@ from jbench.report.analysis.decisions import Study, decision_frame, recorded_com
 from jbench.report.analysis.profiles import profile_frame
 from jbench.report.analysis.schedules import notes_on_remarks
 from jbench.report.analysis.verdicts import verdict_frame
+from jbench.report.choices import rename, use_choices
+from jbench.report.cleaned import cleaned_frame
 from jbench.report.configurations import configuration_frame, seed_frame, with_file_means
 from jbench.report.curve_frames import (
     curve_frame,
@@ -29,27 +31,15 @@ from jbench.report.data.source_names import FILE, IMPORTED
 from jbench.report.encoders import encoder_frame, kept_frame, prediction_frame
 from jbench.report.headline import headline
 from jbench.report.leaderboard import leaderboard
-from jbench.report.reading import notes_on, read, rename, tested_claims, use_choices
+from jbench.report.reading import notes_on, read, tested_claims
 from jbench.report.request import Request
 from jbench.report.runs import provenance_frame, run_frame
+from jbench.report.sides import named_sides
 from jbench.report.texts import clean, map_texts
 from jbench.store import Results
 from jbench.store.tables import published_rows
 
 DEFAULT = Request()  # a report of all runs
-
-
-def _frame(make: Callable[["Frames"], pd.DataFrame]) -> "cached_property[pd.DataFrame]":
-    """Returns a property that makes a frame when it is first asked for.
-
-    Each text of it is one line, without control characters, however it was recorded.
-    """
-
-    def made(frames: "Frames") -> pd.DataFrame:
-        return map_texts(make(frames))
-
-    made.__doc__ = make.__doc__
-    return cached_property(made)
 
 
 class Frames:
@@ -148,7 +138,9 @@ class Frames:
     def headline(self) -> str:
         """What was learned, in a sentence or two."""
         leading = self.lead(self._by_configuration)
-        return clean(headline(self.lead(self.verdicts), leading, self.lead(self.comparisons)))
+        common = named_sides(self.request.compare).common if self.request.compare else ""
+        compared = self.lead(self.comparisons)
+        return clean(headline(self.lead(self.verdicts), leading, compared, common))
 
     @cached_property
     def notes(self) -> list[str]:
@@ -176,84 +168,84 @@ class Frames:
 
     # Returns.
 
-    @_frame
+    @cleaned_frame
     def configurations(self) -> pd.DataFrame:
         """Statistics of each configuration and kind of return, and of all tasks of a file."""
         return with_file_means(self._by_configuration, with_returns(self._every, self.returns))
 
-    @_frame
+    @cleaned_frame
     def seeds(self) -> pd.DataFrame:
         """The final return of each seed."""
         return seed_frame(self._every)
 
-    @_frame
+    @cleaned_frame
     def curves(self) -> pd.DataFrame:
         """The learning curves across seeds."""
         return curve_frame(self._plain)
 
-    @_frame
+    @cleaned_frame
     def run_curves(self) -> pd.DataFrame:
         """The learning curve of each run."""
         return run_curve_frame(self._plain)
 
-    @_frame
+    @cleaned_frame
     def processor(self) -> pd.DataFrame:
         """Returns by processor time."""
         return self.lead(processor_frame(self._plain))
 
-    @_frame
+    @cleaned_frame
     def sequences(self) -> pd.DataFrame:
         """The curves on sequences of augmented robots, and the authors'."""
         ours = [pair for pair in self._drawn if pair[0].robots > 1]
         return sequence_frame(ours, self._papers.query("figure == @SEQUENCE"))
 
-    @_frame
+    @cleaned_frame
     def published(self) -> pd.DataFrame:
         """The paper's curves, and the imported ones that are drawn like them."""
         beside = [pair for pair in self._curves if self._is_baseline(pair[0])]
         papers = self._papers_on_one_robot
         return published_frame(papers, set(self._specs), self.request.algo, beside)
 
-    @_frame
+    @cleaned_frame
     def baselines(self) -> pd.DataFrame:
         """The returns of policies without training."""
         return policies.baseline_frame(self._specs, self.source.tables)
 
     # Their analysis.
 
-    @_frame
+    @cleaned_frame
     def decisions(self) -> pd.DataFrame:
         """The sequential test on the planned comparisons."""
         return decision_frame(self._studies)
 
-    @_frame
+    @cleaned_frame
     def verdicts(self) -> pd.DataFrame:
         """The verdicts on each representation."""
         return verdict_frame(self._trained, self.decisions, self._studies)
 
-    @_frame
+    @cleaned_frame
     def comparisons(self) -> pd.DataFrame:
         """The comparisons of two sides, or of the methods of a file."""
         return comparison_frame(self._compared)
 
-    @_frame
+    @cleaned_frame
     def pairs(self) -> pd.DataFrame:
         """The probability of improvement of each pair of configurations."""
         trained = with_returns(self._trained, self.returns)
         return pair_frame(trained, self.lead(self.verdicts))
 
-    @_frame
+    @cleaned_frame
     def profiles(self) -> pd.DataFrame:
         """The share of runs above each return."""
         return profile_frame(with_returns(self._every, self.returns))
 
-    @_frame
+    @cleaned_frame
     def claims(self) -> pd.DataFrame:
         """The findings on the paper's claims."""
         findings, _ = self._findings
         return findings
 
-    @_frame
+    @cleaned_frame
     def leaderboard(self) -> pd.DataFrame:
         """The entries by task and median."""
         leading = self.lead(self._by_configuration).query("source != @FILE")
@@ -262,39 +254,39 @@ class Frames:
 
     # Encoders, policies and single runs.
 
-    @_frame
+    @cleaned_frame
     def encoders(self) -> pd.DataFrame:
         """What encoders lose and predict."""
         encoders = encoder_frame(self.source.tables, self.request.task)
         return encoders.assign(representation=encoders["representation"].replace(self._new_names))
 
-    @_frame
+    @cleaned_frame
     def predictions(self) -> pd.DataFrame:
         """Final returns beside what latents predict."""
         return prediction_frame(with_returns(self._trained, self.returns), self.encoders)
 
-    @_frame
+    @cleaned_frame
     def kept(self) -> pd.DataFrame:
         """What encoders keep of each feature of the observation."""
         kept = kept_frame(self.source.tables, self.request.task)
         return kept.assign(representation=kept["representation"].replace(self._new_names))
 
-    @_frame
+    @cleaned_frame
     def motor(self) -> pd.DataFrame:
         """The distributions of motor velocities of evaluated policies."""
         return self._behavior[0]
 
-    @_frame
+    @cleaned_frame
     def positions(self) -> pd.DataFrame:
         """The positions of the robot with evaluated policies."""
         return self._behavior[1]
 
-    @_frame
+    @cleaned_frame
     def runs(self) -> pd.DataFrame:
         """A row for each run."""
         return run_frame(self.source, self.returns)
 
-    @_frame
+    @cleaned_frame
     def provenance(self) -> pd.DataFrame:
         """The recorded versions and processors, with numbers of runs."""
         return provenance_frame(self.runs)

@@ -23,10 +23,13 @@ _MAX_WORDS = 34
 _MAX_TASKS = 2  # that a sentence names
 
 
-def headline(verdicts: pd.DataFrame, configurations: pd.DataFrame, compared: pd.DataFrame) -> str:
+def headline(
+    verdicts: pd.DataFrame, configurations: pd.DataFrame, compared: pd.DataFrame, common: str = ""
+) -> str:
     """Returns the headline, of at most 34 words; it names tasks where the answer depends on them.
 
-    All rows are of one kind of return; there are comparisons only if two sides are compared.
+    All rows are of one kind of return; there are comparisons only if two sides are compared, which
+    may have settings in common.
     """
     known = configurations[configurations["seeds"] > 0]
     if known.empty:
@@ -46,7 +49,8 @@ def headline(verdicts: pd.DataFrame, configurations: pd.DataFrame, compared: pd.
     if len(compared) and len(compared[["a", "b"]].drop_duplicates()) == 1:
         rows = compared[compared["task"].isin(known["task"])]
         equally_long = known.groupby("task")["steps"].nunique().max() == 1
-        return _on_sides(rows, equally_long)
+        outcome = _on_sides(rows, equally_long)
+        return f"With {common}, the {outcome}" if common else f"The {outcome}"
 
     against_full = verdicts[verdicts["against"] == FULL]
     if against_full.empty:
@@ -70,7 +74,10 @@ def _about(verdicts: pd.DataFrame, algos: str) -> str:
 
 
 def _on_sides(comparisons: pd.DataFrame, equally_long: bool) -> str:
-    """Returns the outcome of a comparison; sides of different lengths with its control steps."""
+    """Returns the outcome of a comparison, without the article before it.
+
+    Sides of different lengths have their control steps.
+    """
     first, other = comparisons[["a", "b"]].iloc[0]
     words = [*comparisons["verdict"]]
     counts = {word: words.count(word) for word in ("higher", "lower", SIMILAR) if word in words}
@@ -89,7 +96,7 @@ def _on_sides(comparisons: pd.DataFrame, equally_long: bool) -> str:
         shown = dict.fromkeys((steps(ends.min()), steps(ends.max())))
         after = f" after {' to '.join(shown)} control steps"
 
-    return f"The final return with {first}, compared with {other}, is {answer}{after}."
+    return f"final return with {first}, compared with {other}, is {answer}{after}."
 
 
 def _sentence(clauses: Mapping[str, str], verdicts: pd.DataFrame) -> str:

@@ -10,8 +10,9 @@ from jbench.errors import RequestError
 from jbench.names import HEURISTIC
 from jbench.report.configurations import configuration_frame
 from jbench.report.data import sources
-from jbench.report.data.configuration import in_order, with_returns
+from jbench.report.data.configuration import with_returns
 from jbench.report.data.curves import PUBLISHED_KEY, SEQUENCE, read_published
+from jbench.report.data.order import in_order
 from jbench.report.data.source_names import IMPORTED, OWN, PUBLISHED, directory_source
 from jbench.report.data.untrained import HAND_WRITTEN
 from jbench.report.policies import hand_written_returns
@@ -71,7 +72,7 @@ def ranked_configurations(
     frame = leaderboard(configuration_frame(curves, published), by_hand, published, request.algo)
     problems = [problem for part in parts for problem in part.problems]
     if frame.empty:
-        what = "hand-written policy" if request.algo == HEURISTIC else "run"
+        what = "hand-written policy" if HEURISTIC in request.algo else "run"
         raise RequestError(
             f"No {what} in {' and '.join(directories)} has {request.returns} returns to rank. "
             f"{' '.join(problems)}".strip()
@@ -81,7 +82,10 @@ def ranked_configurations(
 
 
 def leaderboard(
-    ours: pd.DataFrame, by_hand: Mapping[str, FloatArray], published: pd.DataFrame, algo: str | None
+    ours: pd.DataFrame,
+    by_hand: Mapping[str, FloatArray],
+    published: pd.DataFrame,
+    algos: Collection[str],
 ) -> pd.DataFrame:
     """Returns the entries by task and median of the final returns, best first.
 
@@ -93,17 +97,17 @@ def leaderboard(
         ours: configurations of one kind of return.
         by_hand: returns of the episodes of hand-written policies, by task.
         published: the paper's learning curves.
-        algo: selects policies and published curves; None for all.
+        algos: select policies and published curves; all if there are none.
 
     Returns:
         `COLUMNS`, of which entry is the source of the runs, hand-written or published, and n the
         number of seeds; of a hand-written policy, of episodes.
     """
-    if algo not in (None, HEURISTIC):
+    if algos and HEURISTIC not in algos:
         by_hand = {}
     agents = _agents(ours)
     tasks = {*agents["task"], *by_hand}
-    entries = [agents, _hand_written(by_hand), _published(published, tasks, algo)]
+    entries = [agents, _hand_written(by_hand), _published(published, tasks, algos)]
     every: pd.DataFrame = pd.concat(entries, ignore_index=True)
     every = every.reindex(columns=COLUMNS).sort_values("median", ascending=False, kind="stable")
 
@@ -145,14 +149,16 @@ def _hand_written(by_hand: Mapping[str, FloatArray]) -> pd.DataFrame:
     return pd.DataFrame(entries)
 
 
-def _published(published: pd.DataFrame, tasks: Collection[str], algo: str | None) -> pd.DataFrame:
+def _published(
+    published: pd.DataFrame, tasks: Collection[str], algos: Collection[str]
+) -> pd.DataFrame:
     """Returns entries of published agents: of each its longest curve, or the best of several."""
     ends = published[published["task"].isin(tasks)].groupby(PUBLISHED_KEY).last()
     entries = ends.sort_values(["steps", "median"]).groupby(PUBLISHED_KEY[1:]).last().reset_index()
     steps = entries["steps"].round().astype(int)
     entries = entries.assign(entry=PUBLISHED, steps=steps, steps_min=steps)
     entries["algo"] = entries["algo"].map(display_name)
-    return entries if algo is None else entries[entries["algo"] == display_name(algo)]
+    return entries[entries["algo"].isin([*map(display_name, algos)])] if algos else entries
 
 
 def _ranked(entries: pd.DataFrame) -> pd.DataFrame:

@@ -19,6 +19,7 @@ from jbench.report.figures.chart import Chart
 from jbench.report.frames import Frames
 from jbench.report.repetition import drops, repetition
 from jbench.report.run_details import run_details
+from jbench.report.sides import named_sides
 from jbench.report.svg import panel_svgs
 from jbench.report.table import Column, Table
 from jbench.report.tables import notes, tables
@@ -86,7 +87,7 @@ def _shown(table: Table) -> tuple[Table, str, list[Column], list[list[tuple[Any,
 def _title(frames: Frames) -> str:
     """Returns the title of the page: what is compared, or what the curves are of."""
     if frames.request.compare:
-        return " against ".join(map(clean, frames.request.compare))
+        return clean(named_sides(frames.request.compare).together)
 
     about = "jbench"
     names = frames.configurations["configuration"]

@@ -13,7 +13,8 @@ from jbench.errors import WorkError
 from jbench.names import HEURISTIC, REFERENCE, TASKS, is_reference
 from jbench.report.analysis.claims import examine_solving
 from jbench.report.analysis.findings import SOLVED_BY_HAND, Finding
-from jbench.report.data.configuration import Configuration, in_order
+from jbench.report.data.configuration import Configuration
+from jbench.report.data.order import in_order
 from jbench.report.data.points import Part, long_frame
 from jbench.report.data.untrained import RANDOM, shipped_untrained, untrained_row
 from jbench.settings.specs import CODE_CHECKSUMS

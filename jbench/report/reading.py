@@ -1,12 +1,11 @@
 """What a report reads: the runs that were asked for, their pairs, claims and notes."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import pandas as pd
 
 from jbench.errors import NothingYetError, RequestError, WorkError
 from jbench.names import RETURNS, is_reference
-from jbench.numbers import whole
 from jbench.report import policies
 from jbench.report.analysis import compare
 from jbench.report.analysis.claim_frame import claim_frame, published_findings
@@ -19,14 +18,14 @@ from jbench.report.data import sources
 from jbench.report.data.configuration import Configuration, with_returns
 from jbench.report.data.sources import Source
 from jbench.report.encoders import encoder_frame
-from jbench.report.request import Request
+from jbench.report.request import Request, is_directory
+from jbench.report.sides import named_sides
 from jbench.returns import TRAINING
 from jbench.settings.algorithms import display_name
 from jbench.settings.run import RunSettings
 from jbench.settings.variants import hyperparameter_words
 from jbench.store import Record, Results
 from jbench.store.shipped import shipped_results
-from jbench.studies.quantities import MARGIN
 from jbench.wording import in_prose, repair_hint, with_results
 
 _USUAL_TASK = "face_direction"
@@ -50,7 +49,9 @@ def read(results: Results | None, request: Request) -> tuple[Source, Pairs]:
 
     assert results is not None
     if request.compare is not None:
-        ours, theirs = (sources.side(side, results, request) for side in request.compare)
+        first, second, _ = named_sides(request.compare)
+        ours = sources.side(request.compare[0], first, results, request)
+        theirs = sources.side(request.compare[1], second, results, request)
         source, pairs = _compared(ours, theirs, request)
         _note_shared(source)
         return source, pairs
@@ -96,8 +97,8 @@ def _training_command(request: Request, results: Results) -> str:
         task = _USUAL_TASK if newest is None else _recorded_task(newest)
 
     command = f"jbench train --task {task}"
-    if request.algo is not None:
-        command += f" --algo {request.algo}"
+    if request.algo:
+        command += f" --algo {request.algo[0]}"
     return f"{command} --steps 100000 --seeds 0-1"
 
 
@@ -155,9 +156,21 @@ def _compared(ours: Source, theirs: Source, request: Request) -> tuple[Source, P
     if all(apart):
         raise RequestError(f"No runs of {sides} can be compared: {apart[0]}.")
 
+    if not any(map(is_directory, request.compare or ())):
+        _leave_out_sides(ours, theirs)
+
     source = sources.joined([ours, theirs])
     source.notes += notes
     return source, [[pair] for pair in pairs]
+
+
+def _leave_out_sides(ours: Source, theirs: Source) -> None:
+    """Leaves out the sides of names that tell the configurations of both apart without them."""
+    names = [{config.name for config in side.configurations} for side in (ours, theirs)]
+    if names[0].isdisjoint(names[1]):
+        for config in (*ours.configurations, *theirs.configurations):
+            config.is_named_by_source = False
+            config.set_words(config.each_word)
 
 
 def tested_claims(
@@ -196,104 +209,3 @@ def notes_on(configurations: Sequence[Configuration]) -> list[str]:
         f"{note}."
         for note, names in named.items()
     ]
-
-
-def use_choices(source: Source, request: Request) -> None:
-    """Sets the margin and the bounds of normalized returns that a reader typed, if any."""
-    use_margin(source.configurations, request.margin)
-    for task, low, high in request.normalize:
-        _use_bounds(source.configurations, task, (low, high))
-        source.notes.append(
-            f"Normalized returns: of {task}, {whole(low)} is 0 and {whole(high)} is 1."
-        )
-
-
-def _use_bounds(
-    configurations: Iterable[Configuration], task: str, bounds: tuple[float, float]
-) -> None:
-    """Sets the returns of a task that are 0 and 1 where returns are normalized.
-
-    Raises:
-        RequestError: if there is no such task, or no other one to join it with.
-    """
-    tasks = dict.fromkeys(config.task for config in configurations)
-    if task not in tasks:
-        there = in_prose(tasks, "and") if tasks else "no runs"
-        raise RequestError(f"--normalize {task}: the report has no such task; it has {there}.")
-    if len(tasks) == 1:
-        raise RequestError(
-            f"--normalize {task}: returns of a single task are not normalized; leave --normalize "
-            "out."
-        )
-
-    for config in configurations:
-        if config.task == task:
-            config.return_range = bounds
-
-
-def use_margin(configurations: Iterable[Configuration], margin: float | None) -> None:
-    """Sets the margin, if one is typed, of configurations on tasks whose largest return is unknown.
-
-    Raises:
-        RequestError: if there are none.
-    """
-    if margin is None:
-        return
-
-    unknown = [config for config in configurations if not config.margin]
-    if not unknown:
-        raise RequestError(
-            f"--margin {margin:g}: on these tasks, final returns are similar within {MARGIN:g}; "
-            "leave --margin out."
-        )
-
-    for config in unknown:
-        config.margin = margin
-
-
-def rename(
-    configurations: Iterable[Configuration], names: Sequence[tuple[str, str]]
-) -> dict[str, str]:
-    """Gives representations, or the methods of a file, the names that a reader has chosen.
-
-    A name of a kind, such as `six-rows`, means all sizes, which keep them if there are several.
-
-    Returns:
-        The new names by the old ones.
-
-    Raises:
-        RequestError: if there is nothing of such a name, or two things would have the same one.
-    """
-    every = list(configurations)
-    known = {config.identity[config.named_by]: config for config in every}
-    chosen = dict[str, str]()
-    for old, new in names:
-        of_kind = [name for name, config in known.items() if config.identity["kind"] == old]
-        if old in known:
-            chosen[old] = new
-        elif of_kind:
-            for name in of_kind:
-                chosen[name] = new if len(of_kind) == 1 else new + name.removeprefix(old)
-        else:
-            raise RequestError(
-                f"--names {old}={new}: the report has no {old}; it has {', '.join(known)}."
-            )
-
-    # Curves, rows and cells of one name would be taken for one.
-    shown: dict[str, str] = {}
-    for old in known:
-        new = chosen.get(old, old)
-        other = shown.setdefault(new, old)
-        if other != old:
-            raise RequestError(
-                f"--names: {other} and {old} would both be called {new}; choose another name for "
-                "one of them."
-            )
-
-    for config in every:
-        old = config.identity[config.named_by]
-        if old in chosen:
-            config.shown = chosen[old]
-            config.set_words(config.each_word)
-
-    return chosen

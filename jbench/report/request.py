@@ -38,6 +38,13 @@ _EXCLUSIVE = (
 """An option, and those that have no effect beside it."""
 
 
+_INSTEAD = {
+    ("reference", "compare"): "type --compare results reference to compare your runs with the "
+    "shipped ones, or `jbench merge reference` first to compare two settings of both",
+}
+"""What to type in place of two options that exclude each other."""
+
+
 def setting(typed: str) -> tuple[str, str]:
     """Returns the name and value of a setting, typed as it, tables or `--encoder` call it.
 
@@ -80,6 +87,11 @@ def is_directory(side: str) -> bool:
 def settings_typed(side: str) -> list[str]:
     """Returns the settings of a side of a comparison; a comma in brackets separates none."""
     return [part.strip() for part in re.split(r",(?![^\[]*\])", side)]
+
+
+def typed_settings(side: str) -> set[tuple[str, str]]:
+    """Returns the names and values of the settings of a side; a directory has none."""
+    return set() if is_directory(side) else {setting(part) for part in settings_typed(side)}
 
 
 def names_typed(typed: Sequence[str]) -> tuple[tuple[str, str], ...]:
@@ -142,6 +154,7 @@ class Request(Settings):
     """Contents of a report.
 
     Attributes:
+        algo: only these algorithms; all if it is empty.
         compare: two results directories, or two selections of settings; see `sources.side`.
         curves: file or folder with the curves of any environment, reported instead of results.
         normalize: tasks, each with the returns that are 0 and 1 where returns of several tasks are
@@ -156,7 +169,7 @@ class Request(Settings):
     """
 
     task: str | None = None
-    algo: str | None = None
+    algo: tuple[str, ...] = ()
     since: str | None = Field(
         default=None,
         description="only runs that began at this date or later, in UTC, such as 2026-11-21",
@@ -219,9 +232,8 @@ class Request(Settings):
         for first, *others in _EXCLUSIVE:
             typed = [name for name in others if getattr(self, name) not in (None, False, ())]
             if typed and getattr(self, first) is not None:
-                raise RequestError(
-                    f"--{typed[0]} and --{first} exclude each other; type one of them."
-                )
+                instead = _INSTEAD.get((typed[0], first), "type one of them")
+                raise RequestError(f"--{typed[0]} and --{first} exclude each other; {instead}.")
 
         # An option is read as the second side if that is missing.
         if self.compare and (len({*self.compare}) < 2 or self.compare[1].startswith("--")):
@@ -235,13 +247,22 @@ class Request(Settings):
 
     @property
     def names_compared(self) -> set[str]:
-        """Names of the settings on both sides of a comparison; directories have none."""
-        return {
-            setting(part)[0]
-            for side in self.compare or ()
-            if not is_directory(side)
-            for part in settings_typed(side)
-        }
+        """Names of the settings in which two sides differ; directories have none.
+
+        A setting that is typed for both, with the same value, chooses runs of both.
+        """
+        if self.compare is None:
+            return set()
+
+        sides = [typed_settings(side) for side in self.compare]
+        return {name for name, _ in sides[0] ^ sides[1]}
+
+    @property
+    def filters(self) -> dict[str, Sequence[str]]:
+        """The values that runs may have, by the name of a setting; others may have any."""
+        asked: dict[str, Sequence[str]] = {"task": (self.task,) if self.task else ()}
+        asked["algo"] = self.algo
+        return {name: values for name, values in asked.items() if values}
 
     def begun_since(self) -> datetime | None:
         """Returns the earliest beginning of reported runs, or None for all runs."""

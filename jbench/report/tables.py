@@ -80,8 +80,11 @@ def _with_source(title: str, key: str) -> Column:
     """Returns a column of names that says where the runs of others come from."""
 
     def text(row: FrameRow) -> str:
-        apart = row["source"] not in (OWN, FILE)
-        return f"{row['source']}: {row[key]}" if apart else str(row[key])
+        source = row["source"]
+        named = str(row["configuration"] or source)  # a run without an episode has none
+        # Names that differ without the sides of a comparison do not begin with them.
+        is_apart = source not in (OWN, FILE) and named.startswith(source)
+        return f"{source}: {row[key]}" if is_apart else str(row[key])
 
     return Column(title, key, text)
 

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from jbench.numbers import signed, texts
+from jbench.report.analysis.judging import SEQUENTIAL
 from jbench.report.data.source_names import OWN
 from jbench.report.frames import Frames
 from jbench.report.once import once
@@ -185,8 +186,11 @@ def _cell(row: Mapping[Any, Any], reach: float, margins: Mapping[str, float]) ->
     difference, interval = texts(signed, row["value"], ends if np.isfinite(ends).all() else [])
 
     verdict = row["verdict"]
-    has_enough_seeds = row["seeds"] >= DECIDING_SEEDS and np.isfinite(row["corrected_low"])
-    if verdict == "undecided" and not has_enough_seeds:
+    # The sequential test has an interval, and may decide, with fewer seeds.
+    is_tested = row["seeds"] >= DECIDING_SEEDS or row["corrected_by"] == SEQUENTIAL
+    if np.isnan(row["value"]):
+        verdict = "unknown"
+    elif verdict == "undecided" and not (is_tested and np.isfinite(row["corrected_low"])):
         verdict = "too few seeds"
 
     return VerdictCell(

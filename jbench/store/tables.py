@@ -44,11 +44,17 @@ def read_tables(
     *,
     coded: bool = False,
     columns: Mapping[str, Sequence[str]] | None = None,
+    of_runs: Mapping[str, Collection[str]] | None = None,
 ) -> Tables:
     """Reads and checks tables of a results directory; files of other tables are not read.
 
-    `columns` selects some by table. If `coded`, ids are Arrow dictionaries, which need a tenth of
-    the memory.
+    Args:
+        results: which are read.
+        names: of the tables.
+        coded: whether ids are Arrow dictionaries, which need a tenth of the memory.
+        columns: some by table; by default all.
+        of_runs: the values that settings of runs may have, by name. Other runs are not read, unless
+            none has such values.
     """
     selected = columns or {}
     tables: dict[str, pa.Table] = {}
@@ -65,6 +71,8 @@ def read_tables(
         if not schemas and table not in names:
             continue
         records, unreadable = results.scan(kind)
+        if kind == "run":
+            records = _with_settings(records, of_runs or {}) or records
         # pyarrow and hashlib release the GIL.
         with ThreadPoolExecutor(cores()) as threads:
             outcomes = list(threads.map(partial(_read, schemas), records))
@@ -82,6 +90,17 @@ def read_tables(
         problems += [problem for problem in unread if problem not in problems]
 
     return Tables(tables, problems)
+
+
+def _with_settings(
+    records: Sequence[Record], allowed: Mapping[str, Collection[str]]
+) -> list[Record]:
+    """Returns the records whose settings have allowed values."""
+    return [
+        record
+        for record in records
+        if all(record.settings.get(name) in values for name, values in allowed.items())
+    ]
 
 
 def published_rows() -> pa.Table:

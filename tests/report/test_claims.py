@@ -8,8 +8,8 @@ import pytest
 
 from jbench.report.analysis.claims import examine, examine_solving
 from jbench.report.analysis.findings import ClaimVerdict, claim_verdict
+from jbench.report.choices import use_margin
 from jbench.report.data.untrained import random_return
-from jbench.report.reading import use_margin
 from jbench.statistics.bootstrap import Estimate
 
 

@@ -17,8 +17,8 @@ from jbench.commands import output
 from jbench.errors import RequestError
 from jbench.importing.curves import to_json
 from jbench.importing.dialects import read_curves
+from jbench.report.choices import use_choices
 from jbench.report.frames import Frames
-from jbench.report.reading import use_choices
 from jbench.report.request import Request, bounds_typed
 from jbench.report.tables import tables
 from tests.report.browser import HOSTILE, SIDEWAYS

@@ -131,4 +131,4 @@ def test_what_to_type_without_runs_is_of_the_robot_at_hand(tmp_path):
         results.create("dataset", settings.id, settings.model_dump())
         assert advice() == f"--task {robot.get('robot', 'face_direction')}"
 
-    assert advice(task="gym:Hopper-v5", algo="sac") == "--task gym:Hopper-v5 --algo sac"
+    assert advice(task="gym:Hopper-v5", algo=("sac",)) == "--task gym:Hopper-v5 --algo sac"

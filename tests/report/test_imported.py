@@ -67,7 +67,7 @@ def test_imports_are_reported_if_no_run_was_begun_since_date(demo):
 
 
 def test_notes_count_only_imports_that_pass_filters(imported):
-    notes = Frames(Results(imported), Request(algo="fast")).notes
+    notes = Frames(Results(imported), Request(algo=("fast",))).notes
     assert [note for note in notes if "curves (csv)" in note] == [
         "6 imported curves (csv) are not verified: jbench has not run the agents. Imported curves "
         "are in no claim."

@@ -59,7 +59,7 @@ def test_published_curves_and_hand_written_policies_are_separate_entries():
     by_hand = {"face_direction": np.append(np.arange(99.0), 1149.0)}
     published = curves(("Figure 7", 700.0, 3e6), ("Figure 9", 650, 5e6), ("Figure 8", 640, 5e6))
     none = configurations()
-    best, other = leaderboard(none, by_hand, published, None).to_dict("records")
+    best, other = leaderboard(none, by_hand, published, ()).to_dict("records")
     # The longest curve counts.
     assert (best["entry"], best["median"], best["steps"]) == ("published", 650.0, 5e6)
     assert pd.isna(best["rank"])
@@ -67,8 +67,10 @@ def test_published_curves_and_hand_written_policies_are_separate_entries():
     assert (other["entry"], other["median"], other["n"]) == ("hand-written", 60.0, 100)
     assert other["low"] < 60 < other["high"]
     assert other["rank"] == 1
-    assert leaderboard(none, by_hand, published, "td3").empty
-    assert leaderboard(none, by_hand, published, "heuristic")["entry"].tolist() == ["hand-written"]
+    assert leaderboard(none, by_hand, published, ["td3"]).empty
+    assert leaderboard(none, by_hand, published, ["heuristic"])["entry"].tolist() == [
+        "hand-written"
+    ]
 
 
 @pytest.fixture

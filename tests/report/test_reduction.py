@@ -10,11 +10,11 @@ from jbench.report.analysis.claims import examine
 from jbench.report.analysis.decisions import decision_frame, recorded_comparisons
 from jbench.report.analysis.judging import Comparison, judge
 from jbench.report.analysis.verdicts import verdict_frame
+from jbench.report.choices import use_margin
 from jbench.report.comparison_tables import verdicts_table
 from jbench.report.encoders import prediction_frame, return_frame
 from jbench.report.frames import Frames
 from jbench.report.headline import headline
-from jbench.report.reading import use_margin
 from jbench.report.request import Request
 from jbench.settings.algorithms import algorithm_settings
 from jbench.statistics import permutation

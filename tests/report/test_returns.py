@@ -79,7 +79,7 @@ def last_returns(fabric, record):
     seeds = Frames(fabric.results).seeds
     (opened,) = jbench.open(fabric.results.path).runs()["evaluation_return"]
     (reported,) = seeds.loc[seeds["returns"] == "evaluation", "final"]
-    side = sources.side("algo=td3", fabric.results, Request())
+    side = sources.side("algo=td3", "td3", fabric.results, Request())
     (config,) = (config for config in side.configurations if config.returns_name == EVALUATION)
     (beside,) = seed_scores(config).final
     compared = recorded_return(record, added=added.get(record.id, ()))

@@ -121,3 +121,25 @@ def test_a_verdict_without_a_common_step_says_so(fabric):
     verdicts = Frames(fabric.results).verdicts
     shown = verdicts[(verdicts["returns"] == EVALUATION) & (verdicts["claim"] == "a")]
     assert shown["text"].tolist() == [f"undecided: unknown; {reason}"]
+
+
+def test_an_unknown_variability_says_why(fabric):
+    for name in ("full", "dae12"):
+        fabric.flat([500] * 6, episodes=4, representation=name)
+
+    found = Frames(fabric.results).verdicts.set_index("claim")["text"]
+    # A quarter of four episodes is one, whose deviation is unknown.
+    assert found["b"] == (
+        "undecided: unknown, since face_direction TD3 dae12 has final returns of a single episode, "
+        "which do not tell how much the episodes of an agent vary"
+    )
+
+
+def test_a_side_without_a_finite_return_says_so(fabric):
+    fabric.flat([500] * 6)
+    fabric.flat([np.nan] * 6, representation="dae12")
+    (text,) = Frames(fabric.results).verdicts.query("claim == 'a'")["text"]
+    assert text == (
+        "undecided: unknown; nothing in common, no return of face_direction TD3 dae12 is a finite "
+        "number"
+    )

@@ -12,7 +12,7 @@ from jbench.report.data import sources
 from jbench.report.frames import Frames
 from jbench.report.request import Request
 from jbench.settings.base import validated
-from jbench.store import Results
+from jbench.store import Record, Results
 from jbench.store.shipped import shipped_results
 from tests.store.store_rows import alter_manifest
 
@@ -87,7 +87,8 @@ class TestCompare:
             ("algo=mine:Huber, code=3f2a91 of 2026-11-28", "algo=mine:Huber,code=77c0"),
         ):
             (one,) = Frames(fabric.results, Request(compare=sides)).comparisons.to_dict("records")
-            assert (one["a"], one["b"], one["difference"]) == (*sides, 100)
+            names = [side.split(",")[-1].strip() for side in sides]
+            assert [one["a"], one["b"], one["difference"]] == [*names, 100]
 
     def test_versions_of_code_of_one_day_are_named_and_compared_by_their_times(self, fabric):
         versions = (
@@ -193,7 +194,8 @@ class TestCompare:
             fabric.run(FLAT + len(layers), hyperparameters={"hidden_layers": layers})
         compare = ("hidden_layers=[8,8], algo=td3", "algo=td3,hidden_layers=[]")
         (one,) = Frames(fabric.results, Request(compare=compare)).comparisons.to_dict("records")
-        assert (one["a"], one["difference"]) == (compare[0], 2)
+        assert (one["a"], one["b"]) == ("hidden_layers=[8,8]", "hidden_layers=[]")
+        assert one["difference"] == 2
 
     @pytest.mark.parametrize(
         ("recorded", "shown"),
@@ -246,7 +248,7 @@ class TestCompare:
         other = shutil.copytree(fabric.results.path, tmp_path / os.fsdecode(b"a\xff"))
         compare = str(other), str(fabric.results.path)
         found = Frames(fabric.results, Request(compare=compare))
-        assert set(found.configurations["source"]) == {f"{tmp_path}/a\\udcff", compare[1]}
+        assert set(found.configurations["source"]) == {"a\\udcff", "results"}
 
     def test_two_directories_are_compared(self, fabric, tmp_path):
         other = type(fabric)(tmp_path / "other")
@@ -257,7 +259,7 @@ class TestCompare:
         found = Frames(fabric.results, Request(compare=sides))
         (one,) = found.comparisons.to_dict("records")
         assert one["difference"] == 200
-        assert set(found.configurations["source"]) == set(sides)
+        assert set(found.configurations["source"]) == {"results", "other"}
         assert any("Only in" in note and "SAC" in note for note in found.notes)
 
     def test_directory_may_be_called_as_another_source(self, fabric, tmp_path, monkeypatch):
@@ -296,8 +298,8 @@ class TestReference:
             ("reference", "sac", 1),
             ("reference", "td3", 2),
         ]
-        assert sources.reference(Request(algo="td3"), shipped.results).configurations != []
-        assert sources.reference(Request(algo="ppo"), shipped.results).configurations == []
+        assert sources.reference(Request(algo=("td3",)), shipped.results).configurations != []
+        assert sources.reference(Request(algo=("ppo",)), shipped.results).configurations == []
         # The date selects the user's own runs.
         later = Request(since="2999-01-01")
         assert len(sources.reference(later, shipped.results).configurations) == 2
@@ -311,3 +313,22 @@ class TestReference:
             found = sources.reference(Request(), Results(directory))
             assert found.configurations == []
             assert "ships no reference runs" in found.notes[-1]
+
+
+def test_runs_of_several_algorithms_are_chosen_and_no_others_are_read(fabric, monkeypatch):
+    for algo in ("td3", "sac", "ddpg"):
+        fabric.flat([500] * 2, algo=algo)
+
+    read = []
+    original = Record.read
+
+    def noted(record, *arguments):
+        read.append(record.settings["algo"])
+        return original(record, *arguments)
+
+    monkeypatch.setattr(Record, "read", noted)
+    chosen = sources.own(fabric.results, Request(algo=("td3", "sac")))
+    assert {config.algo for config in chosen.configurations} == {"td3", "sac"}
+    assert {*read} == {"td3", "sac"}
+    with pytest.raises(RequestError, match=r"no runs of algo 'ppo'.*with ddpg, sac, td3\.$"):
+        sources.own(fabric.results, Request(algo=("ppo",)))

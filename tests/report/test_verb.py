@@ -118,7 +118,7 @@ def test_comparison_is_written_beside_report(filled, undrawn, capsys):
         (("--window", "0"), "A window of 0 episodes"),
         (("--returns", "all"), "'--returns': 'all' is not one of 'evaluation', 'training'"),
         (("--watch", "--json"), "--watch and --json exclude each other"),
-        (("--compare", "a=1", "a=2", "--reference"), "--reference and --compare exclude each"),
+        (("--compare", "a=1", "a=2", "--reference"), "--compare results reference"),
         (("--compare", "engine=sb3", "--json"), "--compare engine=sb3: type two results"),
     ],
 )
@@ -198,3 +198,28 @@ class TestWatch:
 def wait_for(process, text):
     """Reads the output of the process up to the first line that matches."""
     assert any(re.search(text, line) for line in process.stdout), f"{text!r} was never said"
+
+
+@pytest.mark.parametrize("typed", [("--algo", "td3,sac"), ("--algo", "td3", "--algo", "sac")])
+def test_several_algorithms_are_typed_with_commas_or_one_by_one(fabric, undrawn, capsys, typed):
+    for algo in ("td3", "sac", "ddpg"):
+        fabric.flat([500] * 3, algo=algo)
+
+    assert run_report(fabric.results.path, *typed, "--format", "svg", "--json") == 0
+    entries = json.loads(capsys.readouterr().out)["configurations"]
+    assert {entry["algo"] for entry in entries} == {"TD3", "SAC"}
+
+
+def test_many_tests_of_claims_are_counted_and_all_are_in_the_document(fabric, undrawn, capsys):
+    for place in range(41):
+        fabric.flat([950] * 6, hyperparameters={"tau": 0.01 * (1 + place)})
+
+    options = ("--claims", "--published", "no", "--algo", "td3", "--format", "svg", "--json")
+    assert run_report(fabric.results.path, *options) == 0
+    printed = capsys.readouterr()
+    tests = json.loads(printed.out)["claims"]
+    own = [entry for entry in tests if entry["source"] == "own"]
+    assert [entry["claim"] for entry in own] == ["g"] * 41
+    (line,) = re.findall(r"own +training +(\d+) +(\d+) +(\d+)", printed.err)
+    assert line == ("41", "0", "0")
+    assert "tables/claims.csv" in printed.err

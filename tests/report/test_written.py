@@ -115,7 +115,7 @@ def test_runs_without_episodes_are_refused(fabric, out):
     ("filters", "asked"),
     [
         ({"task": "dance"}, "task 'dance'"),
-        ({"task": "face_direction", "algo": "ddpg"}, "task 'face_direction' and algo 'ddpg'"),
+        ({"task": "face_direction", "algo": ("ddpg",)}, "task 'face_direction' and algo 'ddpg'"),
     ],
 )
 def test_filter_without_match_lists_existing_runs(fabric, filters, asked):

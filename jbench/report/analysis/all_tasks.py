@@ -11,7 +11,8 @@ import numpy as np
 
 from jbench.array_types import FloatArray
 from jbench.report.analysis.scores import seed_scores
-from jbench.report.data.configuration import Configuration, in_order
+from jbench.report.data.configuration import Configuration
+from jbench.report.data.order import in_order
 from jbench.report.data.source_names import FILE
 
 # Names of several tasks together, which share a range or do not.

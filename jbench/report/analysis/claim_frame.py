@@ -1,6 +1,6 @@
 """The frame of the tests of the paper's claims, and the findings on the paper's own curves."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from importlib import resources
 from typing import Any
 
@@ -78,8 +78,10 @@ def _text(row: dict[str, Any]) -> str:
     return f"{row['verdict']}: {known}"
 
 
-def published_findings(task: str | None, algo: str | None) -> list[dict[Any, Any]]:
-    """Returns the findings on the paper's curves of a task and an algorithm; None: of all.
+def published_findings(task: str | None, algos: Collection[str]) -> list[dict[Any, Any]]:
+    """Returns the findings on the paper's curves of a task and some algorithms.
+
+    None is every task, and no algorithm every algorithm.
 
     With ten seeds, the band from the 10th to the 90th percentile is an interval of the median
     (`docs/claims.md`); the uncertainty of a band's width is unknown. Returns at the end of training
@@ -87,6 +89,9 @@ def published_findings(task: str | None, algo: str | None) -> list[dict[Any, Any
     """
     file = resources.files("jbench.paper").joinpath("published_claims.csv")
     rows = pd.read_csv(str(file), keep_default_na=False, na_values={"low": "", "high": ""})
-    for name, value in (("task", task), ("algo", algo)):
-        rows = rows if value is None else rows[rows[name] == value]
+    if task is not None:
+        rows = rows[rows["task"] == task]
+    if algos:
+        rows = rows[rows["algo"].isin(algos)]
+
     return rows.to_dict("records")

@@ -216,11 +216,15 @@ def _without_episodes(finding: Finding, pair: Pair) -> Finding:
     reason = ""
     if not {"supported": low > 0, "contradicted": high < 0}.get(decided.verdict, True):
         interval = f"difference {with_interval(signed, value, (low, high))}"
-        reason = f"of the agents alone: {interval if np.isfinite(value) else 'unknown'}"
+        alone = interval if np.isfinite(value) else f"unknown, {pair.unknown_variability}"
+        reason = f"of the agents alone: {alone}"
     elif decided.verdict != "undecided":
         p_value = evidence.p_value(0.0)
         if p_value > ERROR_RATE:
             reason = f"not confirmed by a permutation test: p = {p_value:.2g}"
+
+    elif np.isnan(finding.effect.value) and pair.seeds:
+        reason = "unknown, since the returns of neither side vary"
 
     if reason:
         decided = replace(decided, verdict="undecided")

@@ -28,6 +28,7 @@ COMPARISONS = [
     "algo",
     "representation",
     "words",
+    "against",
     "returns",
     "a",
     "b",
@@ -74,7 +75,8 @@ def comparison_frame(groups: Sequence[Sequence[Pair]]) -> pd.DataFrame:
         rows += [one.row(judgment) for one, judgment in zip(family, judgments, strict=True)]
 
     for row in rows:
-        if row["verdict"] in FINAL_RETURN.directions:
+        # Of two sides, the title of the table says which is compared with which.
+        if row["source"] == FILE and row["verdict"] in FINAL_RETURN.directions:
             row["text"] = f"{row['a']} {row['text']}"
 
     return pd.DataFrame(rows, columns=COMPARISONS)
@@ -84,8 +86,10 @@ def _compared(pairs: Sequence[Pair], known: Mapping[str, Range]) -> Comparison:
     """Compares two sides on one task, or on all tasks together with scores scaled to [0, 1]."""
     ours, theirs = pairs[0].sides
     names: dict[str, Any] = {**ours.identity, "a": ours.source, "b": theirs.source}
+    names["against"] = _named_beside(ours, theirs)
     if ours.source == FILE:
         names["algo"] = ""
+        names["against"] = ""
         names["a"] = ours.label
         names["b"] = theirs.label
     if len(pairs) > 1:
@@ -117,6 +121,14 @@ def _compared(pairs: Sequence[Pair], known: Mapping[str, Range]) -> Comparison:
     )
     remarks = (remark_on_schedules(pair, FINAL_RETURN) for pair in pairs)
     return Comparison(FINAL_RETURN, names, evidence, next(filter(None, remarks), ""))
+
+
+def _named_beside(ours: Configuration, theirs: Configuration) -> str:
+    """Returns the representation and words of the second of a pair; its algorithm if it differs."""
+    named = str(theirs.identity["representation"])
+    if theirs.algo != ours.algo:
+        named = f"{theirs.identity['algo']} {named}"
+    return ", ".join(filter(None, (named, theirs.words)))
 
 
 def method_pairs(configurations: Configurations) -> list[list[Pair]]:

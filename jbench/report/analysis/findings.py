@@ -28,13 +28,15 @@ OFF_POLICY_VARIES_MORE = "f"
 SOLVED = "g"
 SOLVED_BY_HAND = "h"
 
+VERDICTS_ON_CLAIMS = ("supported", "contradicted", "undecided")
+
 
 @dataclass(frozen=True)
 class ClaimVerdict:
     """The verdict on a claim, and how many seeds would decide it.
 
     Attributes:
-        verdict: supported, contradicted, or undecided.
+        verdict: one of `VERDICTS_ON_CLAIMS`.
         seeds_needed: per configuration, if the effect is as now estimated; None if it is decided
             or no number is known.
         seeds_needed_by: a power of 80%, or the rule that fewer than six decide nothing.

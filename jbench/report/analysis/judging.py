@@ -58,12 +58,14 @@ class Comparison:
         names: columns that name what is compared.
         evidence: what the seeds say about the difference.
         remark: a clause on how the sides were evaluated; empty if both were alike.
+        unknown: a clause on why the number is unknown; empty if it is known, or the remark says it.
     """
 
     quantity: Quantity
     names: Mapping[str, Any]
     evidence: Evidence
     remark: str = ""
+    unknown: str = ""
 
     def row(self, judgment: Judgment) -> dict[str, Any]:
         """Returns the names, the number and the verdict, by columns of a frame."""
@@ -107,7 +109,7 @@ class Comparison:
     def _number(self, judgment: Judgment, value: float) -> str:
         """Returns the difference in words, or why its interval decides nothing."""
         if np.isnan(value):
-            return "unknown"
+            return ", ".join(filter(None, ("unknown", self.unknown)))
 
         low = judgment.low
         high = judgment.high

@@ -95,6 +95,20 @@ class Pair:
 
         return Evidence(estimate, p_of_difference, self.seeds)
 
+    @property
+    def unknown_variability(self) -> str:
+        """Why the variability between agents is unknown, as a clause; "" if it is known."""
+        for side, scores in zip(self.sides, self._alone, strict=True):
+            if len(scores.final) < 2:
+                return f"since {side.configuration} has fewer than two seeds with a return"
+            if not scores.agents.is_known:
+                return (
+                    f"since {side.configuration} has final returns of a single episode, which do "
+                    "not tell how much the episodes of an agent vary"
+                )
+
+        return ""
+
     def improvement(self) -> Evidence:
         """Returns the evidence of the probability of improvement, tested by means of ranks."""
 

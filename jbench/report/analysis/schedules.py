@@ -25,6 +25,8 @@ _NEAR = 0.01
 def nothing_in_common(pair: Pair) -> str:
     """Returns why a side has no return up to the step at which both are compared; "" if both do."""
     for config, other in (pair.sides, pair.sides[::-1]):
+        if not any(len(at) for at, _ in config.points):
+            return f"nothing in common, no return of {config.configuration} is a finite number"
         if not _last_steps(config, pair.control_steps):
             first = steps(np.nanmin(config.control_steps))
             return (

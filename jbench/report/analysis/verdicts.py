@@ -17,7 +17,7 @@ from jbench.report.analysis.baselines import baseline_pairs
 from jbench.report.analysis.decisions import Study
 from jbench.report.analysis.judging import SEQUENTIAL, Comparison, Judgment, judge
 from jbench.report.analysis.pair import Pair
-from jbench.report.analysis.schedules import remark_on_schedules
+from jbench.report.analysis.schedules import nothing_in_common, remark_on_schedules
 from jbench.report.data.configuration import ID, Configuration, with_returns
 from jbench.statistics import bootstrap as st
 from jbench.statistics.verdicts import Evidence
@@ -99,7 +99,11 @@ def _comparison(quantity: Quantity, pair: Pair) -> Comparison:
         "steps": pair.control_steps,
     }
     remark = remark_on_schedules(pair, quantity)
-    return Comparison(quantity, names, _evidence(quantity, pair), remark)
+    unknown = ""
+    if quantity is VARIABILITY and not nothing_in_common(pair):
+        unknown = pair.unknown_variability
+
+    return Comparison(quantity, names, _evidence(quantity, pair), remark, unknown)
 
 
 def _evidence(quantity: Quantity, pair: Pair) -> Evidence:

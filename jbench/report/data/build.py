@@ -15,9 +15,10 @@ import pyarrow as pa
 from jbench.array_types import FloatArray
 from jbench.names import ReturnsName
 from jbench.report.data.code import note_changes, recorded_code, split_by_code
-from jbench.report.data.configuration import KEY, Configuration, paper_order
+from jbench.report.data.configuration import KEY, Configuration
 from jbench.report.data.encoder_weights import recorded_weights
 from jbench.report.data.notes import notes_on_points, notes_on_runs
+from jbench.report.data.order import paper_order
 from jbench.report.data.points import (
     CONTROL_STEPS,
     NOTHING,

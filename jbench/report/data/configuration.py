@@ -1,24 +1,22 @@
 """Configurations: the runs that share all settings except seed and steps, one run per seed."""
 
-import re
 from collections.abc import Iterable, Sequence
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from jbench.array_types import IntArray
-from jbench.names import TASKS, Order, ReturnsName
+from jbench.names import Order, ReturnsName
 from jbench.report.data.common_steps import CommonPoints, SeedPoints, at_common_steps, distinct
 from jbench.report.data.curves import Curve, SeedCurve, learning_curve, seed_curve
 from jbench.report.data.points import Points
 from jbench.report.data.scores import Scores
 from jbench.report.data.source_names import FILE, OWN, has_solved_return
 from jbench.report.request import WINDOW
-from jbench.representation_names import FULL, kind_in, shown_representation
+from jbench.representation_names import kind_in, shown_representation
 from jbench.returns import EVALUATION
-from jbench.settings.algorithms import ALGORITHMS, display_name
+from jbench.settings.algorithms import display_name
 from jbench.settings.recorded import comparable
 from jbench.studies.quantities import margin
 from jbench.task_specs import return_range
@@ -73,6 +71,7 @@ class Configuration:
         label: name within a task: `TD3 dae12, bfloat16`.
         name: unique name in its source: `face_direction TD3 dae12`.
         configuration: unique name in a report: `reference: face_direction TD3 dae12`.
+        is_named_by_source: whether its names begin with the source.
         shown: name that a reader chose for the representation, or for a method of a file; or None.
         scores: what `analysis.scores.seed_scores` has computed, by its control step.
         beside: other methods on the task that may have been logged at other control steps, with
@@ -102,6 +101,7 @@ class Configuration:
         self.algo = str(first["algo"])
         self.representation = str(first["representation"])
         self.variant = str(first["variant"])
+        self.is_named_by_source = source not in (OWN, FILE)
         self.notes: tuple[str, ...] = ()
         self.shown: str | None = None
         self.beside: Sequence[Configuration] = ()
@@ -163,7 +163,7 @@ class Configuration:
             kind = self.shown
 
         label = ", ".join(filter(None, (f"{algo} {shown}".rstrip(), *words)))
-        prefix = "" if source in (OWN, FILE) else f"{source}: "
+        prefix = f"{source}: " if self.is_named_by_source else ""
         self.label = f"{prefix}{label}"
         self.name = f"{self.task} {label}"
         self.configuration = f"{prefix}{self.name}"
@@ -275,25 +275,3 @@ def differing_in(configurations: Iterable[Configuration], name: str) -> list[lis
             key = config.source, comparable(config.settings, name)
             groups.setdefault(key, []).append(config)
     return [group for group in groups.values() if len(group) > 1]
-
-
-def in_order(names: Iterable[str], known: tuple[str, ...] = TASKS) -> list[str]:
-    """Returns distinct names: the known ones in their order, then the others alphabetically."""
-    return sorted(set(names), key=lambda name: _rank(name, known))
-
-
-def _rank(name: str, known: tuple[str, ...]) -> tuple[int, str]:
-    """Returns the sort key of a name: known ones come first."""
-    return (known.index(name), "") if name in known else (len(known), name)
-
-
-def paper_order(configuration: Configuration) -> tuple[Any, ...]:
-    """Returns the sort key: task, algorithm and representation as in the paper."""
-    # The sort is stable: variants stay in the order of their words.
-    ranks = _rank(configuration.task, TASKS), _rank(configuration.algo, ALGORITHMS)
-    representation = configuration.representation
-    # `planar12` is before `planar-mirror12`, and `pca4` before `pca12`: every other word is a
-    # number, of which the shorter one is smaller.
-    words = re.split(r"(\d+)", representation)
-    natural = [(len(word), word) if place % 2 else word for place, word in enumerate(words)]
-    return *ranks, representation != FULL, natural, representation, configuration.source

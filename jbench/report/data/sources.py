@@ -2,7 +2,7 @@
 
 import json
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,9 +16,10 @@ from jbench.importing.dialects import read_curves
 from jbench.names import REFERENCE
 from jbench.report.data.build import build, usable_runs
 from jbench.report.data.chosen import have_settings
-from jbench.report.data.configuration import Configuration, paper_order
+from jbench.report.data.configuration import Configuration
+from jbench.report.data.order import paper_order
 from jbench.report.data.points import PATHS, POINT, run_paths
-from jbench.report.data.source_names import FILE, IMPORTED, OWN, directory_source
+from jbench.report.data.source_names import FILE, IMPORTED, OWN
 from jbench.report.request import Request, is_directory
 from jbench.returns import EVALUATION
 from jbench.settings.code_words import encoder_words
@@ -26,7 +27,7 @@ from jbench.store import Results, schema
 from jbench.store.evaluations import ADDED, with_added_episodes
 from jbench.store.shipped import results_to_read
 from jbench.store.tables import Tables, read_tables
-from jbench.wording import are, counted
+from jbench.wording import are, counted, in_prose
 
 _ADDED = ("policy_evaluations", "policy_episodes")  # which join the last evaluations of runs
 _RUNS = ("runs", "episodes", "evaluations", "paths", "encoders", *_ADDED)
@@ -70,7 +71,7 @@ def joined(parts: Sequence[Source]) -> Source:
 
 def own(results: Results, request: Request, name: str = OWN, *, strict: bool = True) -> Source:
     """Returns the runs that pass the filters; `strict`: none is an error."""
-    return _source(_load(results, _MORE), request, name, strict=strict)
+    return _source(_load(results, _MORE, request.filters), request, name, strict=strict)
 
 
 def imported(results: Results, request: Request, name: str = IMPORTED) -> Source:
@@ -118,7 +119,8 @@ def _compare_over_run(configurations: Sequence[Configuration]) -> None:
 def reference(request: Request, results: Results) -> Source:
     """Returns the runs shipped with jbench, which form separate configurations."""
     request = request.model_copy(update={"since": None})  # which selects runs of the user only
-    source = _source(_load(results), request, REFERENCE, strict=False)
+    read = _load(results, of_runs=request.filters)
+    source = _source(read, request, REFERENCE, strict=False)
     if not source.configurations:
         source.notes.append("This version of jbench ships no reference runs for this report.")
     return source
@@ -138,17 +140,17 @@ def check_baseline(baseline: str, configurations: Sequence[Configuration]) -> No
     raise NothingYetError(f"--baseline {baseline}: {reason}")
 
 
-def side(text: str, results: Results, request: Request) -> Source:
-    """Returns the runs of one side of a comparison, as configurations of that name.
+def side(text: str, name: str, results: Results, request: Request) -> Source:
+    """Returns the runs of one side of a comparison, as configurations of a source of this name.
 
     The text is a results directory, or settings of runs, such as `algo=td3,representation=dae12`; a
     RequestError if it is neither, or no run has the settings and passes the filters.
     """
     if is_directory(text):
         read = _load(results_to_read(text))
-        source = _source(read, request, directory_source(text))
+        source = _source(read, request, name)
     else:
-        source = _source(_load(results), request, text, chosen=text)
+        source = _source(_load(results), request, name, chosen=text)
 
     if not source.configurations:
         reasons = " ".join(source.problems)
@@ -156,9 +158,14 @@ def side(text: str, results: Results, request: Request) -> Source:
     return source
 
 
-def _load(results: Results, more: Sequence[str] = ()) -> Tables:
-    """Reads the tables of runs, with texts as categories."""
-    return read_tables(results, (*_RUNS, *more), coded=True, columns=_COLUMNS)
+def _load(
+    results: Results,
+    more: Sequence[str] = (),
+    of_runs: Mapping[str, Collection[str]] | None = None,
+) -> Tables:
+    """Reads the tables of runs that may have some settings, with texts as categories."""
+    names = (*_RUNS, *more)
+    return read_tables(results, names, coded=True, columns=_COLUMNS, of_runs=of_runs)
 
 
 def _source(
@@ -221,13 +228,17 @@ def _filtered(runs: pd.DataFrame, request: Request, strict: bool) -> tuple[pd.Da
                 raise NothingYetError(f"No run was begun since {request.since}. {notes[0]}")
             runs = runs[created >= since]
 
-    asked = {"task": request.task, "algo": request.algo}
-    wanted = {name: value for name, value in asked.items() if value is not None}
-    matches = (runs[[*wanted]] == pd.Series(wanted, dtype=object)).all(axis=1)
+    wanted = request.filters
+    matches = pd.Series(True, index=runs.index)
+    for name, values in wanted.items():
+        matches &= runs[name].isin(values)
+
     if strict and len(runs) and not matches.any():
         algos = runs.groupby("task")["algo"].unique()
         existing = "; ".join(f"{task} with {', '.join(sorted(a))}" for task, a in algos.items())
-        missing = " and ".join(f"{name} {value!r}" for name, value in wanted.items())
+        missing = " and ".join(
+            f"{name} {in_prose(map(repr, values))}" for name, values in wanted.items()
+        )
         raise NothingYetError(f"There are no runs of {missing}; there are runs of {existing}.")
 
     return runs[matches], notes

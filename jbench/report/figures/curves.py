@@ -11,10 +11,10 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from jbench.report import style
-from jbench.report.data.curves import beside_which
 from jbench.report.data.source_names import FILE, IMPORTED, OWN, PUBLISHED
 from jbench.report.figures import marks
 from jbench.report.figures.chart import Chart, Draw, Panel, by_task
+from jbench.report.figures.published import beside_curves, draw_published
 from jbench.report.frames import Frames
 from jbench.report.style import Look, Looks
 from jbench.returns import EVALUATION, TRAINING
@@ -54,7 +54,7 @@ def drawn_points(rows: pd.DataFrame) -> pd.DataFrame:
 
 def by_representation(frames: Frames) -> Chart | None:
     """Returns the curves of each task and algorithm with several representations."""
-    points = drawn_points(frames.curves)
+    points = _without_sides(drawn_points(frames.curves))
     curves = points.assign(series=points["representation"])[_is_compared(points)]
     published = frames.published.assign(series=frames.published["representation"])
     looks = style.looks(curves, "series", "kind")
@@ -64,7 +64,7 @@ def by_representation(frames: Frames) -> Chart | None:
 
 def by_algorithm(frames: Frames) -> Chart | None:
     """Returns the curves of each task on the full observation, and those that no figure has."""
-    points = drawn_points(frames.curves)
+    points = _without_sides(drawn_points(frames.curves))
     compared = _is_compared(points)
     curves = points[(points["kind"] == "full") | ~compared]
     short = curves["label"].str.replace(" full", "", regex=False)
@@ -111,6 +111,16 @@ def by_processor_time(frames: Frames) -> Chart | None:
     return Chart("processor", "Return against processor time", note, panels, looks)
 
 
+def _without_sides(points: pd.DataFrame) -> pd.DataFrame:
+    """Returns points of one source, where names do not say from which side of a comparison."""
+    sources = points["source"]
+    is_apart = [
+        label.startswith(f"{source}: ") or source == FILE
+        for label, source in zip(points["label"], sources, strict=True)
+    ]
+    return points.assign(source=sources.where(np.array(is_apart, bool), OWN))
+
+
 def _is_compared(curves: pd.DataFrame) -> pd.Series:
     """Returns for each row whether its panel shows several representations."""
     compared: pd.Series = curves.groupby(_GROUP)["representation"].transform("nunique") > 1
@@ -145,7 +155,7 @@ def _chart(
     # A single panel has the width of the page.
     size = {1: (9.6, 3.0), 2: (5.6, 2.9)}.get(groups.ngroups, (4.2, 2.5))
     for key, rows in groups:
-        old = _published_beside(published, rows, name)
+        old = beside_curves(published, rows, name)
         sources.update(old["source"])
         beside = _Beside(old, seeds, frames.baselines)
         draw = partial(_draw_curves, looks=looks, beside=beside)
@@ -218,24 +228,6 @@ def _kinds(curves: pd.DataFrame, leading: str) -> list[str]:
     return [kind for kind in kinds if (curves["returns"] == kind).any()]
 
 
-def _published_beside(published: pd.DataFrame, rows: pd.DataFrame, name: str) -> pd.DataFrame:
-    """Returns the published points beside curves, up to their end, and at least some."""
-    asked = published["algo"].isin(rows["algo"]) | (published["source"] == IMPORTED)  # --baseline
-    old: pd.DataFrame = published[(published["task"] == rows["task"].iloc[0]) & asked]
-    if name == "representations":
-        # The paper has one reduced observation; it is drawn beside the one of its size.
-        old = old.assign(series=beside_which(old, {*rows["series"]}))
-        old = old[old["series"].isin(rows["series"])]
-    if old.empty:
-        return old
-
-    # Of several of the paper's figures, the first has representations, the last all algorithms.
-    figure = old.groupby("algo")["figure"].transform("min" if name == "representations" else "max")
-    old = old[old["figure"] == figure]
-    end = max(float(rows["steps"].max()), 2 * float(old["steps"].min()))
-    return old[old["steps"] <= end]
-
-
 def _draw_curves(
     rows: pd.DataFrame,
     axes: Axes,
@@ -262,7 +254,7 @@ def _draw_curves(
                 axes.plot(seed["steps"], seed["value"], **thin)
 
     if beside.published is not None:
-        _draw_published(axes, beside.published[beside.published["task"].isin(rows["task"])], looks)
+        draw_published(axes, beside.published[beside.published["task"].isin(rows["task"])], looks)
 
     policies = beside.policies
     levels = () if policies is None else policies["mean"][policies["task"].isin(rows["task"])]
@@ -280,18 +272,3 @@ def _tips(name: str, curve: pd.DataFrame) -> list[str]:
         + ("" if np.isnan(count) else f", n = {count:.0f}")
         for at, median, low, high, count in numbers.tolist()
     ]
-
-
-def _draw_published(axes: Axes, published: pd.DataFrame, looks: Looks) -> None:
-    """Draws the paper's curves as dots, in the color of the series that they are compared with."""
-    entry = Look(style.SOFT, (), "", len(looks))
-    for (name, source), curve in published.groupby(["series", "source"], sort=False):
-        look = looks.get(str(name), entry)._replace(number=entry.number)
-        called = " ".join(curve[["algo", "representation"]].iloc[0])
-        curve = curve.iloc[marks.thinned(len(curve), 40)]
-        at = curve["steps"].to_numpy()
-        median = curve["median"].to_numpy()
-        axes.plot(at, median, linestyle=(0, style.PUBLISHED_DASH), **look.ink)
-        shown = marks.thinned(len(at), 6)
-        tips = [f"{called}, {source}, at {at[i]:,.0f}: {median[i]:.0f}" for i in shown]
-        marks.add_points(axes, at[shown], median[shown], tips, look, **marks.UNSEEN)

@@ -13,6 +13,7 @@ from jbench.report.data.source_names import has_solved_return
 from jbench.report.figures import marks
 from jbench.report.figures.chart import ROWS, Chart, Panel, by_task
 from jbench.report.frames import Frames
+from jbench.report.sides import named_sides
 from jbench.report.style import Look, Looks
 from jbench.statistics.verdicts import DECIDING_SEEDS
 from jbench.task_specs import SOLVED_RETURN, highest_return
@@ -129,11 +130,17 @@ def comparisons(frames: Frames) -> Chart | None:
         return None
 
     words = [f", {words}" if words else "" for words in rows["words"]]
-    rows = rows.assign(name=rows["algo"] + " " + rows["representation"] + words)
-    note = "final return with {} minus that with {}; 95% interval".format(*rows[["a", "b"]].iloc[0])
+    names = rows["algo"] + " " + rows["representation"] + words
+    # Where one configuration is compared with several, a row names both.
+    is_repeated = names.groupby([rows["task"], names]).transform("size") > 1
+    rows = rows.assign(name=names.where(~is_repeated, names + " against " + rows["against"]))
+    note = "difference of the interquartile means of final returns; 95% interval"
+    if frames.request.compare is not None:
+        sides = named_sides(frames.request.compare)
+        note = f"final return with {sides.first} minus that with {sides.second}{sides.in_brackets}"
+        note += "; 95% interval"
     if frames.request.curves is not None:
         rows = rows.assign(name=rows["a"] + " minus " + rows["b"], algo=rows["a"])
-        note = "difference of the interquartile means of final returns; 95% interval"
 
     rows = rows.assign(look=rows["algo"], difference_low=rows["low"], difference_high=rows["high"])
     looks = style.looks(rows, "algo", "algo")

@@ -72,12 +72,12 @@ def last_return(run: Record) -> float | None:
 def copy(record: Record, target: Results, listed: tuple[FileEntry, ...]) -> None:
     """Copies some files of a record, and a manifest that lists these alone."""
     manifest = public(record.manifest).model_copy(update={"files": listed})
-    copied = target.folder(record.kind, record.id)
-    files.make_directory(copied.path)
+    folder = target.folder(record.kind, record.id)
+    files.make_directory(folder.path)
     for entry in listed:
-        if record.path != copied.path:
-            files.write_atomic(copied.path / entry.name, record.read_file(entry.name))
-    copied.begin(manifest)
+        if record.path != folder.path:
+            files.write_atomic(folder.path / entry.name, record.read_file(entry.name))
+    Record.begin(folder, manifest)
 
 
 def ship_encoder(id: str | None, source: Results, target: Results) -> bool:

@@ -184,16 +184,20 @@ class AgentsOfTD3:
         task: what they learn.
         words: what they observe, in the words of a page.
         name: the representation, and other settings, as the report names them.
+        against: the agents from which their row has differences.
     """
 
     task: str
     words: str
     name: str
+    against: str = "full"
 
 
 WITH_TD3 = (
     AgentsOfTD3(TASKS[0], "16 numbers (`full`)", "full"),
     AgentsOfTD3(TASKS[0], "the same, standardized", "full, normalize=running"),
+    AgentsOfTD3(TASKS[0], "12 latents (`dae12`)", "dae12", "dae12"),
+    AgentsOfTD3(TASKS[0], "the same, standardized", "dae12, normalize=running", "dae12"),
 )
 
 OTHER_ROBOTS = (
@@ -396,7 +400,7 @@ def variability_table(verdicts: pd.DataFrame) -> str:
 
 
 def table_of_td3(numbers: ShippedNumbers, rows: tuple[AgentsOfTD3, ...]) -> str:
-    """Returns a table of agents of TD3, with differences from those that observe `full`."""
+    """Returns a table of agents of TD3, with each row's differences from other agents."""
     lines = [
         "| task | observation | over the run | difference | at the end | difference "
         "| each agent, at the end |",
@@ -404,7 +408,7 @@ def table_of_td3(numbers: ShippedNumbers, rows: tuple[AgentsOfTD3, ...]) -> str:
     ]
     above = ""
     for row in rows:
-        pair = Pair("TD3", row.task, row.name, "full")
+        pair = Pair("TD3", row.task, row.name, row.against)
         cells = ["" if row.task == above else f"`{row.task}`", row.words]
         for column in ("over_run", "final"):
             returns = numbers.returns("TD3", row.task, row.name, column)

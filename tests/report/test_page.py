@@ -195,7 +195,7 @@ def test_runs_are_sorted_filtered_searched_and_opened(shipped_page, opened):
     assert values == sorted(values, reverse=True)
     table.locator("select").first.select_option("move_in_direction")
     table.get_by_role("searchbox").fill("planar")
-    assert table.locator("output").inner_text() == "30 of 394"
+    assert table.locator("output").inner_text() == "30 of 409"
     table.locator("tr[data-run]:visible button").first.press("Enter")
     dialog = shown.locator("dialog")
     assert "move_in_direction/td3/planar" in dialog.locator("h2").inner_text()

@@ -24,6 +24,7 @@ import numpy as np
 import torch
 
 from jbench.agents.batched.off_policy import OffPolicyEngine
+from jbench.agents.batched.on_policy import OnPolicyEngine
 from jbench.settings.algorithms import ALGORITHMS, algorithm_settings
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results, files
@@ -68,6 +69,13 @@ def settings_of(algo: str, seed: int) -> RunSettings:
     )
 
 
+def engine_of(runs: list[RunSettings]) -> OffPolicyEngine | OnPolicyEngine:
+    """Returns the batched engine of some runs without encoders, on the CPU."""
+    engine = make_engine(runs, [None] * len(runs), "cpu")
+    assert isinstance(engine, OffPolicyEngine | OnPolicyEngine)
+    return engine
+
+
 def begin(path: Path, run: RunSettings) -> tuple[Record, RunLog]:
     """Creates the record of a run."""
     record = Results(path).create("run", run.id, run.model_dump(mode="json"))
@@ -81,7 +89,7 @@ def cost(algo: str, rounds: int, control_steps: int) -> None:
     shares, times = [], []
     with (
         tempfile.TemporaryDirectory() as folder,
-        make_engine(runs, [None] * SEEDS, "cpu") as engine,
+        engine_of(runs) as engine,
     ):
         begun = [begin(Path(folder), run) for run in runs]
         if isinstance(engine, OffPolicyEngine):
@@ -130,7 +138,7 @@ def volume(algo: str, control_steps: int) -> None:
     """Prints what the checkpoints of training write, with one per episode."""
     run = settings_of(algo, 0)
     written = Written()
-    with tempfile.TemporaryDirectory() as folder, make_engine([run], [None], "cpu") as engine:
+    with tempfile.TemporaryDirectory() as folder, engine_of([run]) as engine:
         record, log = begin(Path(folder), run)
         most = 0
         for number in range(1, control_steps // EPISODE_STEPS + 1):
@@ -146,6 +154,7 @@ def volume(algo: str, control_steps: int) -> None:
         f"{most} files"
     )
     if "replay" in written.bytes:
+        assert isinstance(engine, OffPolicyEngine)
         times = written.bytes["replay"] / (4 * 18 * engine.replay.row)
         print(f"{algo:5} each row of the replay buffer is written {times:.2f} times")
 
@@ -156,7 +165,7 @@ def compact(algo: str, repeated: int) -> None:
         runs = [settings_of(algo, seed) for seed in range(seeds)]
         shape = repeated, seeds, 1, 1
         actions = np.random.default_rng(0).uniform(-1, 1, shape).astype(np.float32)
-        with make_engine(runs, [None] * seeds, "cpu") as engine:
+        with engine_of(runs) as engine:
             assert isinstance(engine, OffPolicyEngine)
             before = [torch.zeros(1, 0, 18)] * seeds
             clock = time.process_time()

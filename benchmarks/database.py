@@ -137,7 +137,7 @@ def measure_sizes(directory: Path, sizes: list[int], episodes: int, rounds: int)
             flush=True,
         )
     for name, measure in MEASURES.items():
-        times = {runs: [] for runs in sizes}
+        times: dict[int, list[float]] = {runs: [] for runs in sizes}
         for _ in range(rounds):
             for runs, path in paths.items():
                 times[runs].append(measure(path))

@@ -21,6 +21,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pyarrow as pa
@@ -35,6 +36,7 @@ from jbench.encoders.kind import Learned
 from jbench.encoders.loop import EncoderLearner
 from jbench.encoders.pairs import Shard
 from jbench.encoders.registry import make_kind
+from jbench.encoders.states import States
 from jbench.store import Results, schema
 from jbench.tasks.jitterbug.geometry import State
 
@@ -95,7 +97,7 @@ def ours(name: str, shard: Shard) -> Callable[[], None]:
     assert isinstance(kind, Learned)
     about = {"size": SIZE, "action_size": 1, "seed": 0, "device": shard.states.device}
     states = SimpleNamespace(learn=lambda random: iter([shard]), **about)
-    learner = EncoderLearner(kind, states, LATENTS)
+    learner = EncoderLearner(kind, cast(States, states), LATENTS)
 
     def epoch() -> None:
         with one_thread():
@@ -123,7 +125,8 @@ def compare(rows: int, rounds: int, device: torch.device) -> None:
     random = np.random.default_rng(0)
     values = random.uniform(-1, 1, (episodes, STATES, SIZE)).astype(np.float32)
     actions = random.uniform(-1, 1, (episodes, STATES - 1)).astype(np.float32)
-    shard = Shard(*map(torch.from_numpy, (values, actions, actions))).to(device)
+    states, acted = torch.from_numpy(values), torch.from_numpy(actions)
+    shard = Shard(states, acted, acted).to(device)
     flat = shard.states.view(-1, SIZE)
 
     def with_one(epoch: Callable[[], None]) -> Callable[[], None]:

@@ -32,6 +32,7 @@ from jbench.agents.environments import Environments
 from jbench.cores import cores
 from jbench.devices import find_device
 from jbench.errors import RequestError
+from jbench.names import Precision
 from jbench.settings.algorithms import ALGORITHMS, AlgorithmSettings, algorithm_settings
 from jbench.store.provenance import device_provenance, processor
 from jbench.timing import measured
@@ -131,12 +132,12 @@ def engine_of(
     size: Size,
     seeds: int,
     device: torch.device,
-    precision: str = "float32",
+    precision: Precision = "float32",
     environments: int | None = None,
-) -> BatchedEngine:
+) -> BatchedEngine[Any]:
     """Returns untrained agents in one stack."""
     settings = settings_of(algo, size)
-    count = environments or getattr(settings, "n_envs", 1)
+    count = environments or int(getattr(settings, "n_envs", 1))
     threads = cores() if device.type == "cuda" else 1
     robots = Environments(TASK, range(seeds), count, threads=threads)
     return make_batched_engine(
@@ -155,10 +156,14 @@ def report_tests(size: Size, report: Report) -> bool:
     return done.returncode == 0
 
 
-def precisions_of(algo: str, device: torch.device) -> list[str]:
+def precisions_of(algo: str, device: torch.device) -> list[Precision]:
     """Returns the precisions that an algorithm has on a device."""
-    tf32 = ["tf32"] if device.type == "cuda" else []
-    return ["float32", *tf32, *([] if algo == "ppo" else ["bfloat16"])]
+    found: list[Precision] = ["float32"]
+    if device.type == "cuda":
+        found.append("tf32")
+    if algo != "ppo":
+        found.append("bfloat16")
+    return found
 
 
 def report_updates(size: Size, device: torch.device, report: Report) -> None:

@@ -13,6 +13,7 @@ tests them after each block of five, as `jbench sweep --until-decided` does. Pri
 
 import argparse
 import time
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -132,7 +133,7 @@ def simulate_family(
             ]
             at[name, parts] = np.stack(first)
     shares = [ERROR_RATE / count] * count
-    signs = {"Bonferroni": [], "step-down": []}
+    signs: dict[str, list[Sequence[int]]] = {"Bonferroni": [], "step-down": []}
     for r in range(repetitions):
 
         def reached(i: int, verdict: Verdict, rate: float, r: int = r) -> int:
@@ -143,7 +144,7 @@ def simulate_family(
         verdicts = ["undecided" if step is None else step.verdict for step in steps]
         signs["step-down"].append([SIGNS[verdict] for verdict in verdicts])
         larger, smaller = (at[name, 2 * count][:, r] > 0 for name in ("larger", "smaller"))
-        signs["Bonferroni"].append(larger.astype(int) - smaller)
+        signs["Bonferroni"].append((larger.astype(int) - smaller).tolist())
     found = {}
     for name, rows in signs.items():
         decided = np.array(rows)

@@ -1,9 +1,11 @@
 """The updates of a stack of agents without their robots, for `benchmarks/gpu.py`."""
 
 import time
+from collections.abc import Callable
 from typing import Any
 
 import torch
+from torch._C._autograd import DeviceType
 from torch.profiler import ProfilerActivity, profile
 from torch.utils.flop_counter import FlopCounterMode
 
@@ -15,7 +17,7 @@ from jbench.agents.batched.on_policy import OnPolicyEngine
 class Updates:
     """The updates of the agents of an engine, without their robots."""
 
-    def __init__(self, engine: BatchedEngine, transitions: int) -> None:
+    def __init__(self, engine: BatchedEngine[Any], transitions: int) -> None:
         """Fills the buffers with random transitions."""
         self._engine, self._done = engine, 0
         self.device = engine.tensors.device
@@ -57,7 +59,7 @@ class Updates:
             (updates,) = engine.group_updates
             # TD3 updates its actor every other time.
             arguments: list[Any] = [updates._learner.is_delayed_update(i, 0) for i in (1, 2)]
-            function = updates._update_once
+            function: Callable[[Any], None] = updates._update_once
         else:
             assert isinstance(engine, OnPolicyEngine)
             arguments = [engine._settings.batch_size]
@@ -65,7 +67,7 @@ class Updates:
         with FlopCounterMode(display=False) as counter:
             for argument in arguments:
                 function(argument)
-        return counter.get_total_flops() / len(arguments)
+        return float(counter.get_total_flops() / len(arguments))
 
     def kernels(self, count: int) -> tuple[int, dict[str, tuple[int, float]]]:
         """Returns the number of updates and, by kernel, how often it ran and its seconds.
@@ -75,7 +77,7 @@ class Updates:
         gpu = self.device.type == "cuda"
         with profile(activities=[ProfilerActivity.CUDA if gpu else ProfilerActivity.CPU]) as found:
             made, _, _ = self.make(count)
-        kind = torch.autograd.DeviceType.CUDA if gpu else torch.autograd.DeviceType.CPU
+        kind = DeviceType.CUDA if gpu else DeviceType.CPU
         return made, {
             str(event.key): (
                 event.count,

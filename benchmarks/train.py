@@ -79,7 +79,7 @@ def _read_answer(process: subprocess.Popen[str]) -> dict[str, Any]:
     assert process.stdout is not None
     line = process.stdout.readline()
     if not line:
-        raise SystemExit(f"{process.args} ended with exit code {process.wait()}; see above.")
+        raise SystemExit(f"{process.args!r} ended with exit code {process.wait()}; see above.")
     answer: dict[str, Any] = json.loads(line)
     return answer
 
@@ -126,7 +126,7 @@ def requests(kind: str, algo: str, task: str, seeds: int, **more: Any) -> list[R
 def compare(algo: str, arguments: argparse.Namespace) -> None:
     """Prints the control steps per second of all contenders and their ratios to the libraries."""
     python, about = sys.executable, (algo, arguments.task)
-    low = {"options": {"precision": "bfloat16"}}
+    low: dict[str, Any] = {"options": {"precision": "bfloat16"}}
     wanted = [
         ("stable-baselines3", python, requests("sb3", *about, len(CORES))),
         ("batched, 10 seeds", python, requests("batched", *about, SEEDS)),
@@ -154,7 +154,10 @@ def compare(algo: str, arguments: argparse.Namespace) -> None:
 
 def compare_inputs(algo: str, arguments: argparse.Namespace) -> None:
     """Prints the rates with standardized inputs, relative to those without."""
-    changes = {"without": {}, "with": {"changes": {"normalize": "running"}}}
+    changes: dict[str, dict[str, Any]] = {
+        "without": {},
+        "with": {"changes": {"normalize": "running"}},
+    }
     with ExitStack() as stack:
         contenders = []
         for name, more in changes.items():
@@ -170,7 +173,7 @@ def compare_inputs(algo: str, arguments: argparse.Namespace) -> None:
 
 def ratio(rounds: list[dict[str, dict[str, Any]]], name: str, peer: str, clock: str) -> float:
     """Returns the median over the rounds of a rate relative to that of a peer."""
-    return median(each[name][clock] / each[peer][clock] for each in rounds)
+    return float(median(each[name][clock] / each[peer][clock] for each in rounds))
 
 
 def compare_returns(algo: str, arguments: argparse.Namespace) -> None:

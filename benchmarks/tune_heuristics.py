@@ -114,7 +114,7 @@ def returns(
 
 def constants(policy: Law) -> dict[str, float]:
     """Returns the tunable constants of a policy by name."""
-    fields = dataclasses.fields(policy)  # type: ignore[arg-type]
+    fields = dataclasses.fields(policy)
     return {field.name: float(getattr(policy, field.name)) for field in fields}
 
 
@@ -208,7 +208,8 @@ def tune(args: argparse.Namespace) -> dict[str, float]:
 
 def first_tuning_seed(args: argparse.Namespace) -> int:
     """Returns the seed of the search's first episode; each generation has further ones."""
-    return FIRST_TUNING_SEED + 1000 * args.seed * args.episodes
+    first: int = FIRST_TUNING_SEED + 1000 * args.seed * args.episodes
+    return first
 
 
 def summary(earned: Array) -> str:

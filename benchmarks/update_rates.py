@@ -16,6 +16,7 @@ from torch import Tensor
 from jbench.agents.batched.make import make_batched_engine
 from jbench.agents.batched.off_policy import OffPolicyEngine
 from jbench.agents.environments import Environments
+from jbench.names import Precision
 from jbench.settings.algorithms import algorithm_settings
 
 BATCH, OBSERVATION, HIDDEN = 256, 16, (350, 250)
@@ -24,7 +25,7 @@ UPDATES = 50  # of a burst, as DDPG makes them
 BURSTS = 30
 
 
-def engine_with_transitions(seeds: int, precision: str) -> OffPolicyEngine:
+def engine_with_transitions(seeds: int, precision: Precision) -> OffPolicyEngine:
     """Returns agents of DDPG whose replay buffers are full of random numbers."""
     settings = algorithm_settings("ddpg", overrides={"buffer_size": TRANSITIONS})
     robots = Environments("face_direction", range(seeds))
@@ -82,7 +83,7 @@ def products() -> Callable[[], None]:
 
 
 def fraction_of_products(
-    seeds: int, precision: str = "float32", bursts: int = BURSTS, updates: int = UPDATES
+    seeds: int, precision: Precision = "float32", bursts: int = BURSTS, updates: int = UPDATES
 ) -> tuple[float, float, float]:
     """Returns the seconds of an update, those of its products alone, and their ratio.
 
@@ -113,7 +114,8 @@ def cpu_rows(bursts: int = BURSTS, updates: int = UPDATES) -> None:
     torch.set_num_threads(1)
     with subprocess.Popen([sys.executable, __file__, "--busy"]) as other:
         try:
-            for precision in ("float32", "bfloat16"):
+            precisions: tuple[Precision, ...] = ("float32", "bfloat16")
+            for precision in precisions:
                 update, alone, part = fraction_of_products(5, precision, bursts, updates)
                 print(
                     f"DDPG's update in {precision}: {update * 1e3:.2f} ms per core, its products "

@@ -61,7 +61,8 @@ def verdicts(ours: Agents, theirs: Agents) -> BoolArray:
         interval_alone = replace(evidence, p_value=lambda _: 0.0)
         found.append([interval_alone.verdict(LEVEL), evidence.verdict(LEVEL)])
 
-    return np.array(found) != "undecided"
+    is_decided: BoolArray = np.array(found) != "undecided"
+    return is_decided
 
 
 def main() -> None:

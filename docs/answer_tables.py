@@ -390,12 +390,13 @@ def variability_table(verdicts: pd.DataFrame) -> str:
         "| agents | observation | against | returns | difference of *s* | p |",
         "|---|---|---|---|---|---|",
     ]
-    for row in rows.itertuples():
-        agents = row.algo + (", `figure8`" if row.words == "settings=figure8" else "")
-        interval = f"[{row.corrected_low:+.0f}, {row.corrected_high:+.0f}]"
-        p_value = re.search(r"p = ([\d.]+)", row.text)[1]
-        cells = [agents, f"`{row.representation}`", f"`{row.against}`", row.returns, interval]
-        lines.append(f"| {' | '.join(cells)} | {p_value} |")
+    for row in rows.to_dict("records"):
+        agents = row["algo"] + (", `figure8`" if row["words"] == "settings=figure8" else "")
+        observations = [f"`{row['representation']}`", f"`{row['against']}`"]
+        interval = f"[{row['corrected_low']:+.0f}, {row['corrected_high']:+.0f}]"
+        (p_value,) = re.findall(r"p = ([\d.]+)", row["text"])
+        cells = [agents, *observations, row["returns"], interval, p_value]
+        lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
@@ -455,7 +456,7 @@ def ddpg_evaluations() -> pd.DataFrame:
     )
     settings = {}
     is_standardized = {}
-    for (task, text), _ in rows.groupby(["task", "hyperparameters"]):
+    for task, text in set(zip(rows["task"], rows["hyperparameters"], strict=True)):
         hyperparameters = json.loads(text)
         settings[text] = nearest_base("ddpg", hyperparameters, task)
         is_standardized[text] = hyperparameters.get("normalize") == "running"
@@ -474,7 +475,7 @@ def table_by_step(columns: tuple[Agents, ...], evaluations: pd.DataFrame) -> str
     curves = [_curves(agents, evaluations) for agents in columns]
     rows = [["control steps", *(agents.words for agents in columns)]]
     for steps in AUTHORS_STEPS:
-        rows.append([f"{steps:,}", *(_median_and_range(one.loc[steps]) for one in curves)])
+        rows.append([f"{steps:,}", *(_median_and_range(one.T[steps]) for one in curves)])
 
     rows.append(["over the run", *(_median_and_range(one.mean()) for one in curves)])
     rows.append(["each agent, at the end", *(_each(one.iloc[-1]) for one in curves)])

@@ -13,6 +13,7 @@ WIDTH, HEIGHT, FINER = 1280, 720, 2
 def portrait() -> None:
     """Draws the robot from nearby, on the floor of 1 cm checks."""
     import mujoco
+    import numpy as np
     from PIL import Image
 
     from jbench.tasks.jitterbug import model
@@ -23,7 +24,7 @@ def portrait() -> None:
     robot.vis.global_.fovy = 26
     robot.body("target").pos = [0, 0, -1]  # below the floor: out of sight
     data = mujoco.MjData(robot)
-    model.place(data, [1, 0, 0, 0])
+    model.place(data, np.array([1.0, 0.0, 0.0, 0.0]))
     for _ in range(5000):  # a second, in which its springy legs come to rest
         mujoco.mj_step(robot, data)
     camera = mujoco.MjvCamera()

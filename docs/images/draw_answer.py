@@ -123,7 +123,7 @@ def copy_compared(target: Path, drawing: Drawing) -> Results:
 
 def draw(results: Results, drawing: Drawing) -> None:
     """Draws a figure with few colors and pixels, which makes its file small."""
-    found = Frames(results, Request(task=drawing.task, algo=drawing.algo))
+    found = Frames(results, Request(task=drawing.task, algo=(drawing.algo,)))
     made = figures.charts(found)
     (drawn,) = (one.figure(drawing.columns) for one in made if one.name == drawing.figure)
     picture = Image.open(io.BytesIO(style.image(drawn, "png"))).convert("RGB")

@@ -145,7 +145,7 @@ def test_switches_show_another_axis_and_the_other_returns(shipped_page, opened):
 @pytest.mark.slow
 def test_tips_name_the_nearest_mark(shipped_page, opened):
     shown = opened(shipped_page).page
-    panel = shown.locator("#representations .panel", has_text="face_direction, TD3")
+    panel = shown.locator("#representations .panel", has_text="face_direction, TD3").first
     panel.scroll_into_view_if_needed()
     line = panel.locator("svg").first.locator("[data-series='2']").last
     box = line.locator("path").last.bounding_box()

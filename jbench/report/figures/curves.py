@@ -180,7 +180,7 @@ def _chart(
     if frames.interpolated:
         is_all = frames.interpolated.issuperset(kinds)
         which = "" if is_all else f" {' and '.join(frames.interpolated)} returns of"
-        note += f";{which} seeds logged at different steps are interpolated between their points"
+        note += f";{which} seeds logged at different steps are interpolated"
     if any(is_longer.values()):
         note += "; thin: single seeds after the last step that every seed has reached"
 

@@ -80,6 +80,17 @@ def replaced(self, batch):
     return TD3.critic_loss(self, batch)
 
 
+def replaced_twice(self, batch):
+    batch.rewards = 2 * batch.rewards
+    batch.rewards = batch.rewards / 2  # may lie where the first ones lay
+    return TD3.critic_loss(self, batch)
+
+
+def extended(self, batch):
+    batch.rewards_of_before = batch.rewards
+    return TD3.critic_loss(self, batch)
+
+
 FIRST, LAST = nn.Linear(SIZE, 8), nn.Linear(8, 1)
 
 
@@ -118,6 +129,8 @@ FIRST, LAST = nn.Linear(SIZE, 8), nn.Linear(8, 1)
         ),
         (changed(critic_loss=in_place), r"seeds fails \(a loss changes the batch"),
         (changed(critic_loss=replaced), r"seeds fails \(a loss changes the batch"),
+        (changed(critic_loss=replaced_twice), r"seeds fails \(a loss changes the batch"),
+        (changed(critic_loss=extended), r"seeds fails \(a loss changes the batch"),
         (changed(critic_loss=failing), r"seeds fails \(AssertionError, line \d+ of test_batched"),
         (changed(losses=["critic_loss"]), "its losses are no mapping"),
         (changed(targets="actor"), r"are the text 'actor'; type a tuple, \('actor',\)"),

@@ -255,11 +255,11 @@ def _update(rule: Rule, seeds: int) -> None:
         noise=torch.zeros(*shape, rule.noise_per_transition),
         action_size=action_size,
     )
-    before = _versions(batch)
+    before = {name: (tensor, tensor._version) for name, tensor in vars(batch).items()}
     if not is_stack:
         _check_losses(learner.rule, batch)
     learner.update(batch)
-    if _versions(batch) != before:
+    if not _has_unchanged(batch, before):
         raise ValueError("a loss changes the batch, which all losses share")
     if learner.is_stochastic:
         actions = learner.explore(batch.observations, batch.actions)
@@ -279,6 +279,10 @@ def _check_losses(rule: Rule, batch: Batch) -> None:
             raise ValueError(f"{loss} returns {value.numel()} numbers, not one")
 
 
-def _versions(batch: Batch) -> dict[str, tuple[int, int]]:
-    """Returns which tensors a batch has, and how often each was changed in place, by name."""
-    return {name: (id(tensor), tensor._version) for name, tensor in vars(batch).items()}
+def _has_unchanged(batch: Batch, before: Mapping[str, tuple[torch.Tensor, int]]) -> bool:
+    """Returns whether a batch has the tensors of before, of the same versions, and no others."""
+    now = vars(batch)
+    return now.keys() == before.keys() and all(
+        now[name] is tensor and tensor._version == version
+        for name, (tensor, version) in before.items()
+    )

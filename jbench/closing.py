@@ -17,9 +17,16 @@ class Closable(Protocol):
 @contextmanager
 def closed_on_error(*owned: Closable) -> Iterator[None]:
     """Closes objects if the block raises an error; otherwise they stay open."""
+    with called_on_error(*(each.close for each in owned)):
+        yield
+
+
+@contextmanager
+def called_on_error(*closes: Callable[[], object]) -> Iterator[None]:
+    """Calls functions, the last one first, if the block raises an error."""
     with ExitStack() as closing:
-        for each in owned:
-            closing.callback(each.close)
+        for close in closes:
+            closing.callback(close)
         yield
         closing.pop_all()
 

@@ -11,6 +11,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from jbench.closing import called_on_error, closed_on_error
 from jbench.errors import ERRORS_OF_OTHERS, RequestError, sentence_of_failure
 from jbench.store import Results
 from jbench.store.follow import POLL_SECONDS, Change, Follower, grouped
@@ -81,10 +82,8 @@ class _TensorBoard(Logger):
         # The new file hides the points of earlier files from step 0 on.
         place = str(self._directory / name)
         writer = self._make_writer(place, purge_step=0, flush_secs=int(POLL_SECONDS))
-        with contextlib.ExitStack() as at_failure:
-            at_failure.callback(writer.close)
+        with closed_on_error(writer):
             writer.add_text("settings", f"    {json.dumps(config, indent=4)}")
-            at_failure.pop_all()
         return writer
 
     def _add(self, log: Any, steps: int, time: float, values: _Values) -> None:
@@ -149,10 +148,8 @@ class _WeightsAndBiases(Logger):
         # A run of the same id is overwritten.
         about = {"id": hashlib.sha256(name.encode()).hexdigest()[:16], "name": name}
         log = self._library.init(group=group, config=config, **about, **self._arguments)
-        with contextlib.ExitStack() as at_failure:
-            at_failure.callback(log.finish)
+        with called_on_error(log.finish):
             log.define_metric("*", step_metric="control_steps")
-            at_failure.pop_all()
         return log
 
     def _add(self, log: Any, steps: int, time: float, values: _Values) -> None:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from jbench.store import Results
 from jbench.sweeps.cell import Cell
-from jbench.sweeps.step_times import StepTimes, evaluating_share
+from jbench.sweeps.step_times import StepTimes
 from jbench.training.status import run_status
 
 
@@ -72,7 +72,7 @@ def cell_statuses(
         seconds = step_time.seconds
         evaluating = 0.0
         if left and seconds:
-            evaluating = evaluating_share(first, seconds, device, final_episodes)
+            evaluating = times.evaluating_share(first, seconds)
 
         all_statuses.append(
             CellStatus(

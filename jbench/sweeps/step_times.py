@@ -55,7 +55,7 @@ class StepTimes:
         self._device = device
         self._final_episodes = final_episodes
         self._measures = measures
-        self._recorded = _recorded(results, device)
+        self._finished = _of_finished_runs(results, device)
         self._measured: dict[tuple[str, int], StepTime | None] = {}
 
     def of(self, run: RunSettings, waiting: Sequence[RunSettings]) -> StepTime:
@@ -63,19 +63,45 @@ class StepTimes:
         about = alike(run, COST)
         shape = about, run.steps  # the share of evaluations depends on the steps
         if waiting and self._measures and shape not in self._measured:
-            self._measured[shape] = _measured(
-                waiting, self._jobs, self._device, self._final_episodes
-            )
+            self._measured[shape] = self._measure(waiting)
 
         known = (
             self._measured.get(shape),
-            self._recorded.get(alike(run, SEED)),
-            self._recorded.get(about),
+            self._finished.get(alike(run, SEED)),
+            self._finished.get(about),
         )
         return next(filter(None, known), _UNKNOWN)
 
+    def evaluating_share(self, run: RunSettings, seconds: float) -> float:
+        """Returns the share of a run's time that its evaluations take; 0 if it can't be measured.
 
-def _recorded(results: Results, device: str) -> dict[str, StepTime]:
+        `seconds` is the time of a control step.
+        """
+        steps = speed.evaluation_steps(run, self._final_episodes)
+        if steps <= 1:
+            return 0.0
+        with contextlib.suppress(*ERRORS_OF_OTHERS):
+            stepping = speed.stepping(run, run.evaluate_episodes, device=self._device)
+            return min(1.0, steps * stepping / seconds)
+        return 0.0
+
+    def _measure(self, runs: Sequence[RunSettings]) -> StepTime | None:
+        """Measures temporary agents, as many as the largest process trains; None if it can't be."""
+        checked_task(runs[0].task)
+        together = batches(runs, self._jobs, self._device)[0]
+        try:
+            with one_thread():
+                seconds = speed.seconds_per_step(
+                    together, self._device, final_episodes=self._final_episodes
+                )
+            return StepTime(seconds / len(together), "a quick measurement")
+        except ERRORS_OF_OTHERS:  # the training will say what is wrong, and stop no other run
+            return None
+        finally:
+            torch.cuda.empty_cache()  # the runs need the memory; without a GPU it does nothing
+
+
+def _of_finished_runs(results: Results, device: str) -> dict[str, StepTime]:
     """Returns those of finished runs here, by their keys `alike` for SEED and for COST."""
     seconds: dict[str, list[float]] = {}
     for record in results.scan("run")[0]:
@@ -108,32 +134,3 @@ def _was_made_here(record: Record, device: str) -> bool:
         and made_on.get("cores") == cores()
         and made_on.get("device", "cpu") == now
     )
-
-
-def _measured(
-    runs: Sequence[RunSettings], jobs: int, device: str, final_episodes: int | None
-) -> StepTime | None:
-    """Measures temporary agents, as many as the largest process trains; None if it can't be."""
-    checked_task(runs[0].task)
-    together = batches(runs, jobs, device)[0]
-    try:
-        with one_thread():
-            seconds = speed.seconds_per_step(together, device, final_episodes=final_episodes)
-        return StepTime(seconds / len(together), "a quick measurement")
-    except ERRORS_OF_OTHERS:  # the training will say what is wrong, and stop no other run
-        return None
-    finally:
-        torch.cuda.empty_cache()  # the runs need the memory; without a GPU it does nothing
-
-
-def evaluating_share(
-    run: RunSettings, seconds: float, device: str, final_episodes: int | None
-) -> float:
-    """Returns the share of a run's time that its evaluations take; 0 if it can't be measured."""
-    steps = speed.evaluation_steps(run, final_episodes)
-    if steps <= 1:
-        return 0.0
-    with contextlib.suppress(*ERRORS_OF_OTHERS):
-        stepping = speed.stepping(run, run.evaluate_episodes, device=device)
-        return min(1.0, steps * stepping / seconds)
-    return 0.0

@@ -152,8 +152,8 @@ def claim_counts_table(frames: Frames) -> Table:
         Column("claim", "claim", "({0[claim]}) {0[statement]}".format),
         plain("runs", "source"),
         plain("returns"),
-        *(number(verdict, verdict, str) for verdict in VERDICTS_ON_CLAIMS),
     ]
+    columns += [number(verdict, verdict, str) for verdict in VERDICTS_ON_CLAIMS]
     caption = (
         "Number of comparisons with each verdict; undecided is not a verdict of no difference."
     )

@@ -260,9 +260,13 @@ class Request(Settings):
     @property
     def filters(self) -> dict[str, Sequence[str]]:
         """The values that runs may have, by the name of a setting; others may have any."""
-        asked: dict[str, Sequence[str]] = {"task": (self.task,) if self.task else ()}
-        asked["algo"] = self.algo
-        return {name: values for name, values in asked.items() if values}
+        filters: dict[str, Sequence[str]] = {}
+        if self.task is not None:
+            filters["task"] = (self.task,)
+        if self.algo:
+            filters["algo"] = self.algo
+
+        return filters
 
     def begun_since(self) -> datetime | None:
         """Returns the earliest beginning of reported runs, or None for all runs."""

@@ -36,8 +36,8 @@ def named_sides(compare: tuple[str, str]) -> Sides:
     if all(directories):
         return _named_directories(*compare)
     if any(directories):
-        first, second = (directory_source(side) if is_directory(side) else side for side in compare)
-        return Sides(first, second)
+        names = [directory_source(side) if is_directory(side) else side for side in compare]
+        return Sides(*names)
 
     return _named_settings(*compare)
 
@@ -51,7 +51,7 @@ def _named_settings(first: str, second: str) -> Sides:
         return Sides(first, second)
 
     common = [part for part in typed[0] if setting(part) in shared]
-    return Sides(*map(", ".join, (ours, theirs, common)))
+    return Sides(", ".join(ours), ", ".join(theirs), common=", ".join(common))
 
 
 def _named_directories(first: str, second: str) -> Sides:

@@ -10,7 +10,7 @@ from jbench.report.comparison_tables import (
     decisions_table,
     verdicts_table,
 )
-from jbench.report.data.source_names import FILE, OWN
+from jbench.report.data.source_names import FILE, begins_with_source
 from jbench.report.data.untrained import as_agents
 from jbench.report.encoders import PREDICTED
 from jbench.report.frames import Frames
@@ -81,10 +81,8 @@ def _with_source(title: str, key: str) -> Column:
 
     def text(row: FrameRow) -> str:
         source = row["source"]
-        named = str(row["configuration"] or source)  # a run without an episode has none
-        # Names that differ without the sides of a comparison do not begin with them.
-        is_apart = source not in (OWN, FILE) and named.startswith(source)
-        return f"{source}: {row[key]}" if is_apart else str(row[key])
+        name = row["configuration"] or f"{source}: "  # a run without an episode has no name
+        return f"{source}: {row[key]}" if begins_with_source(name, source) else str(row[key])
 
     return Column(title, key, text)
 

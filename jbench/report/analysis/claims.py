@@ -222,7 +222,6 @@ def _without_episodes(finding: Finding, pair: Pair) -> Finding:
         p_value = evidence.p_value(0.0)
         if p_value > ERROR_RATE:
             reason = f"not confirmed by a permutation test: p = {p_value:.2g}"
-
     elif np.isnan(finding.effect.value) and pair.seeds:
         reason = "unknown, since the returns of neither side vary"
 

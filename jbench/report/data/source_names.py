@@ -28,6 +28,15 @@ def directory_source(name: str) -> str:
     return f"./{name}" if name in (OWN, IMPORTED, FILE, PUBLISHED) else name
 
 
+def begins_with_source(name: str, source: str) -> bool:
+    """Returns whether a name or label of a configuration begins with its source.
+
+    Names of the reported results and of a file do not; nor do those of two sides of a comparison
+    that differ without their sides.
+    """
+    return source not in (OWN, FILE) and name.startswith(f"{source}: ")
+
+
 def has_solved_return(tasks: Iterable[str], sources: Iterable[str]) -> bool:
     """Returns whether it is known of all tasks from which return they are solved.
 

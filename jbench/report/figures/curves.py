@@ -11,7 +11,13 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from jbench.report import style
-from jbench.report.data.source_names import FILE, IMPORTED, OWN, PUBLISHED
+from jbench.report.data.source_names import (
+    FILE,
+    IMPORTED,
+    OWN,
+    PUBLISHED,
+    begins_with_source,
+)
 from jbench.report.figures import marks
 from jbench.report.figures.chart import Chart, Draw, Panel, by_task
 from jbench.report.figures.published import beside_curves, draw_published
@@ -115,7 +121,7 @@ def _without_sides(points: pd.DataFrame) -> pd.DataFrame:
     """Returns points of one source, where names do not say from which side of a comparison."""
     sources = points["source"]
     is_apart = [
-        label.startswith(f"{source}: ") or source == FILE
+        source == FILE or begins_with_source(label, source)
         for label, source in zip(points["label"], sources, strict=True)
     ]
     return points.assign(source=sources.where(np.array(is_apart, bool), OWN))

@@ -69,7 +69,7 @@ def settings_of(algo: str, seed: int) -> RunSettings:
     )
 
 
-def engine_of(runs: list[RunSettings]) -> OffPolicyEngine | OnPolicyEngine:
+def untrained_engine(runs: list[RunSettings]) -> OffPolicyEngine | OnPolicyEngine:
     """Returns the batched engine of some runs without encoders, on the CPU."""
     engine = make_engine(runs, [None] * len(runs), "cpu")
     assert isinstance(engine, OffPolicyEngine | OnPolicyEngine)
@@ -89,7 +89,7 @@ def cost(algo: str, rounds: int, control_steps: int) -> None:
     shares, times = [], []
     with (
         tempfile.TemporaryDirectory() as folder,
-        engine_of(runs) as engine,
+        untrained_engine(runs) as engine,
     ):
         begun = [begin(Path(folder), run) for run in runs]
         if isinstance(engine, OffPolicyEngine):
@@ -138,7 +138,7 @@ def volume(algo: str, control_steps: int) -> None:
     """Prints what the checkpoints of training write, with one per episode."""
     run = settings_of(algo, 0)
     written = Written()
-    with tempfile.TemporaryDirectory() as folder, engine_of([run]) as engine:
+    with tempfile.TemporaryDirectory() as folder, untrained_engine([run]) as engine:
         record, log = begin(Path(folder), run)
         most = 0
         for number in range(1, control_steps // EPISODE_STEPS + 1):
@@ -165,7 +165,7 @@ def compact(algo: str, repeated: int) -> None:
         runs = [settings_of(algo, seed) for seed in range(seeds)]
         shape = repeated, seeds, 1, 1
         actions = np.random.default_rng(0).uniform(-1, 1, shape).astype(np.float32)
-        with engine_of(runs) as engine:
+        with untrained_engine(runs) as engine:
             assert isinstance(engine, OffPolicyEngine)
             before = [torch.zeros(1, 0, 18)] * seeds
             clock = time.process_time()

@@ -119,7 +119,7 @@ class Report:
         self.row(*["---"] * len(columns))
 
 
-def settings_of(algo: str, size: Size) -> AlgorithmSettings:
+def settings_for(algo: str, size: Size) -> AlgorithmSettings:
     """Returns the settings of an algorithm."""
     overrides = dict(size.overrides.get(algo, {}))
     if algo != "ppo":
@@ -127,7 +127,7 @@ def settings_of(algo: str, size: Size) -> AlgorithmSettings:
     return algorithm_settings(algo, overrides=overrides)
 
 
-def engine_of(
+def untrained_engine(
     algo: str,
     size: Size,
     seeds: int,
@@ -136,7 +136,7 @@ def engine_of(
     environments: int | None = None,
 ) -> BatchedEngine[Any]:
     """Returns untrained agents in one stack."""
-    settings = settings_of(algo, size)
+    settings = settings_for(algo, size)
     count = environments or int(getattr(settings, "n_envs", 1))
     threads = cores() if device.type == "cuda" else 1
     robots = Environments(TASK, range(seeds), count, threads=threads)
@@ -156,7 +156,7 @@ def report_tests(size: Size, report: Report) -> bool:
     return done.returncode == 0
 
 
-def precisions_of(algo: str, device: torch.device) -> list[Precision]:
+def available_precisions(algo: str, device: torch.device) -> list[Precision]:
     """Returns the precisions that an algorithm has on a device."""
     found: list[Precision] = ["float32"]
     if device.type == "cuda":
@@ -168,7 +168,9 @@ def precisions_of(algo: str, device: torch.device) -> list[Precision]:
 
 def report_updates(size: Size, device: torch.device, report: Report) -> None:
     """Reports updates per second without robots."""
-    peaks = {name: peak(name, size.product, device) for name in precisions_of("ddpg", device)}
+    peaks = {
+        name: peak(name, size.product, device) for name in available_precisions("ddpg", device)
+    }
     rates = ", ".join(f"{name} {rate / 1e12:,.1f} TFLOP/s" for name, rate in peaks.items())
     report.line(f"\nPeak, one product of {size.product} x {size.product} matrices: {rates}.")
     report.table(
@@ -177,8 +179,8 @@ def report_updates(size: Size, device: torch.device, report: Report) -> None:
         *("TFLOP/s of the products", "of the peak"),
     )
     for algo, seeds in product(ALGORITHMS, size.seeds):
-        for precision in precisions_of(algo, device):
-            with engine_of(algo, size, seeds, device, precision=precision) as engine:
+        for precision in available_precisions(algo, device):
+            with untrained_engine(algo, size, seeds, device, precision=precision) as engine:
                 updates = Updates(engine, size.transitions)
                 cells = _rates(updates, size, seeds, peaks[precision])
             report.row(algo, seeds, precision, *cells)
@@ -208,9 +210,9 @@ def report_training(size: Size, device: torch.device, report: Report) -> None:
     """Reports control steps per second of whole training, and what takes the time."""
     report.table("algorithm", "seeds", "environments", "control steps/s of all seeds", "time in")
     for algo, seeds, environments in product(ALGORITHMS, size.trained, size.environments):
-        with engine_of(algo, size, seeds, device, environments=environments) as engine:
+        with untrained_engine(algo, size, seeds, device, environments=environments) as engine:
             steps = engine.learn(10**12)
-            rollout = settings_of(algo, size).rollout(environments)
+            rollout = settings_for(algo, size).rollout(environments)
             while engine.control_steps < size.warm_up or engine.control_steps % rollout:
                 next(steps)
             first = engine.control_steps
@@ -227,7 +229,7 @@ def report_training(size: Size, device: torch.device, report: Report) -> None:
 
 def report_profile(size: Size, device: torch.device, report: Report) -> None:
     """Reports the kernels of DDPG's update that take the most time."""
-    with engine_of("ddpg", size, size.seeds[0], device) as engine:
+    with untrained_engine("ddpg", size, size.seeds[0], device) as engine:
         updates = Updates(engine, size.transitions)
         for _ in range(3):
             updates.make(size.updates)

@@ -5,7 +5,6 @@ from collections.abc import Callable
 from typing import Any
 
 import torch
-from torch._C._autograd import DeviceType
 from torch.profiler import ProfilerActivity, profile
 from torch.utils.flop_counter import FlopCounterMode
 
@@ -77,14 +76,14 @@ class Updates:
         gpu = self.device.type == "cuda"
         with profile(activities=[ProfilerActivity.CUDA if gpu else ProfilerActivity.CPU]) as found:
             made, _, _ = self.make(count)
-        kind = DeviceType.CUDA if gpu else DeviceType.CPU
+        kind = "CUDA" if gpu else "CPU"
         return made, {
             str(event.key): (
                 event.count,
                 (event.self_device_time_total if gpu else event.self_cpu_time_total) / 1e6,
             )
             for event in found.key_averages()
-            if event.device_type == kind
+            if event.device_type.name == kind
         }
 
     def _now(self) -> float:

@@ -475,9 +475,11 @@ def table_by_step(columns: tuple[Agents, ...], evaluations: pd.DataFrame) -> str
     curves = [_curves(agents, evaluations) for agents in columns]
     rows = [["control steps", *(agents.words for agents in columns)]]
     for steps in AUTHORS_STEPS:
-        rows.append([f"{steps:,}", *(_median_and_range(one.T[steps]) for one in curves)])
+        rows.append(
+            [f"{steps:,}", *(_median_and_range(one.loc[steps].to_numpy()) for one in curves)]
+        )
 
-    rows.append(["over the run", *(_median_and_range(one.mean()) for one in curves)])
+    rows.append(["over the run", *(_median_and_range(one.mean().to_numpy()) for one in curves)])
     rows.append(["each agent, at the end", *(_each(one.iloc[-1]) for one in curves)])
     heading, *lines = [f"| {' | '.join(cells)} |" for cells in rows]
     return "\n".join([heading, f"|{'---|' * len(rows[0])}", *lines])
@@ -497,9 +499,9 @@ def _each(values: Iterable[float]) -> str:
     return ", ".join(f"{value:,.0f}" for value in values)
 
 
-def _median_and_range(values: pd.Series) -> str:
+def _median_and_range(values: FloatArray) -> str:
     """Returns such as `312 (180 to 867)`."""
-    return f"{values.median():.0f} ({values.min():.0f} to {values.max():.0f})"
+    return f"{np.median(values):.0f} ({values.min():.0f} to {values.max():.0f})"
 
 
 def with_table(text: str, name: str, table: str) -> str:

@@ -39,7 +39,7 @@ class Engine(Protocol):
 
     @property
     def failures(self) -> Mapping[int, EpisodeError]:
-        """The seeds of which an episode could not go on, if the training of others goes on."""
+        """The errors that stopped the episode of a seed, and with it its training, by seed."""
 
     @property
     def truncated_at_restore(self) -> Ends | None:

@@ -22,7 +22,7 @@ CUT = "…"
 """In names that have no room for all settings."""
 
 
-def labels_of(
+def distinguishing_labels(
     values: Mapping[str, Flat],
     recorded: Mapping[str, Flat],
     form: Form,
@@ -87,7 +87,7 @@ def _texts(
     Args:
         values: of the variant.
         names: of the settings that labels may have.
-        form: see `labels_of`.
+        form: see `distinguishing_labels`.
         always: settings that have a text even if `form` returns none.
     """
     texts = {}

@@ -5,7 +5,7 @@ from typing import Any
 
 from jbench.settings.code_words import code_word
 from jbench.settings.defaults import BASE, chosen_paths
-from jbench.settings.labels import Form, labels_of, short_text, value_text
+from jbench.settings.labels import Form, distinguishing_labels, short_text, value_text
 from jbench.settings.named import ENCODER, USUAL, WHOSE, with_base, with_encoders
 from jbench.settings.recorded import (
     COMPARED,
@@ -45,7 +45,7 @@ def variant_labels(
 
     recorded = _recorded(settings)
     values = {v: with_base(flat, only_recorded=False) for v, flat in recorded.items()}
-    labels = labels_of(values, recorded, label)
+    labels = distinguishing_labels(values, recorded, label)
     return {variant: ", ".join(words) for variant, words in labels.items()}
 
 
@@ -93,14 +93,16 @@ def _words(
 
     first = dict(next(iter(group.items())) for group in groups.values())
     always = {variant: chosen_paths(run) | {*elsewhere} for variant, run in first.items()}
-    on_all_tasks = labels_of(_shown(first), _recorded(first), word, (*_SAME_NAME, WHOSE), always)
+    on_all_tasks = distinguishing_labels(
+        _shown(first), _recorded(first), word, (*_SAME_NAME, WHOSE), always
+    )
 
     words: dict[str, list[str]] = {}
     for name, group in zip(first, groups.values(), strict=True):
         for task in dict.fromkeys(run.task for run in group.values()):
             # Variants on one task differ in their evaluations or encoders.
             same_task = {variant: run for variant, run in group.items() if run.task == task}
-            labels = labels_of(_shown(same_task), _recorded(same_task), word)
+            labels = distinguishing_labels(_shown(same_task), _recorded(same_task), word)
             for variant, apart in labels.items():
                 words[variant] = on_all_tasks[name] + apart
 

@@ -11,7 +11,7 @@ PROVENANCE = {"jbench": "0.1.0", "command": ["jbench", "import"], "host": "turin
 """Of which the machine's name is not that of the training."""
 
 
-def runs_of(*curves):
+def runs_with_curves(*curves):
     """Returns the imported runs; a curve is what differs from training returns of seed 0."""
     imports = []
     points = []
@@ -28,20 +28,20 @@ def runs_of(*curves):
     return as_runs(pd.DataFrame(imports), pd.DataFrame(points))
 
 
-def returns_of(imported, table):
+def returns_in_table(imported, table):
     rows = imported.tables[table].to_pandas()
     return {run: each["episode_return"].tolist() for run, each in rows.groupby("run")}
 
 
 def test_both_kinds_of_returns_of_a_seed_are_one_run_with_the_id_of_its_training():
-    imported = runs_of({"returns": "evaluation", "points": 3, "control_steps": 3000}, {})
+    imported = runs_with_curves({"returns": "evaluation", "points": 3, "control_steps": 3000}, {})
     assert imported.tables["runs"]["run"].to_pylist() == ["i1"]
-    assert returns_of(imported, "evaluations") == {"i1": [0, 1, 2]}
-    assert returns_of(imported, "episodes") == {"i1": [100, 101]}
+    assert returns_in_table(imported, "evaluations") == {"i1": [0, 1, 2]}
+    assert returns_in_table(imported, "episodes") == {"i1": [100, 101]}
 
 
 def test_points_of_training_are_episodes_and_those_of_evaluations_are_evaluations():
-    imported = runs_of({"points": 3}, {"returns": "evaluation", "points": 3})
+    imported = runs_with_curves({"points": 3}, {"returns": "evaluation", "points": 3})
     assert imported.tables["episodes"]["episode"].to_pylist() == [0, 1, 2]
     evaluations = imported.tables["evaluations"]
     assert evaluations["evaluation"].to_pylist() == [0, 1, 2]
@@ -59,8 +59,8 @@ def test_points_of_training_are_episodes_and_those_of_evaluations_are_evaluation
     ],
 )
 def test_longest_of_several_curves_of_a_seed_is_used_and_the_others_are_counted(other, used):
-    imported = runs_of({}, other)
-    assert [*returns_of(imported, "episodes")] == [used]
+    imported = runs_with_curves({}, other)
+    assert [*returns_in_table(imported, "episodes")] == [used]
     said = "1 imported curve is not used, since a longer one of the same seed was imported."
     assert imported.notes[-1] == said
 
@@ -69,20 +69,20 @@ def test_longest_of_several_curves_of_a_seed_is_used_and_the_others_are_counted(
     "lacking", ["task", "algo", "representation", "seed", "returns", "points", "control_steps"]
 )
 def test_import_that_lacks_what_tells_runs_apart_is_a_problem(lacking):
-    imported = runs_of({"seed": 1}, {lacking: None})
+    imported = runs_with_curves({"seed": 1}, {lacking: None})
     assert imported.tables["runs"]["run"].to_pylist() == ["i0"]
     (problem,) = imported.problems
     assert problem.startswith("The import i1 lacks a label, a seed, its kind of return or its ")
 
 
 def test_import_that_is_not_finished_is_no_run():
-    imported = runs_of({}, {"seed": 1, "status": "unfinished"})
+    imported = runs_with_curves({}, {"seed": 1, "status": "unfinished"})
     assert imported.tables["runs"]["run"].to_pylist() == ["i0"]
     assert imported.problems == []
 
 
 def test_machine_of_an_import_is_not_that_of_the_training():
-    (kept,) = runs_of({}).tables["runs"]["provenance"].to_pylist()
+    (kept,) = runs_with_curves({}).tables["runs"]["provenance"].to_pylist()
     assert json.loads(kept) == {"jbench": "0.1.0", "command": ["jbench", "import"]}
 
 
@@ -95,10 +95,10 @@ def test_machine_of_an_import_is_not_that_of_the_training():
     ],
 )
 def test_points_of_logs_are_said_to_be_values_that_need_not_be_returns(format, notes):
-    imported = runs_of({"format": format})
+    imported = runs_with_curves({"format": format})
     assert imported.notes[0].startswith(f"1 imported curve ({format}) is not verified: ")
     assert len(imported.notes) == notes
-    assert runs_of({"status": "unfinished"}).notes == []
+    assert runs_with_curves({"status": "unfinished"}).notes == []
 
 
 def test_curves_of_a_file_are_imports_with_their_number_of_points():
@@ -110,7 +110,7 @@ def test_curves_of_a_file_are_imports_with_their_number_of_points():
         ["A", 1, "evaluation", 1, 1000],
     ]
     assert numbered["point"].tolist() == [0, 1, 0]
-    assert returns_of(as_runs(imports, numbered), "evaluations") == {
+    assert returns_in_table(as_runs(imports, numbered), "evaluations") == {
         "curve 1": [5, 6],
         "curve 2": [7],
     }

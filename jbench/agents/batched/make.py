@@ -259,7 +259,7 @@ def _update(rule: Rule, seeds: int) -> None:
     if not is_stack:
         _check_losses(learner.rule, batch)
     learner.update(batch)
-    if not _has_unchanged(batch, before):
+    if not _is_unchanged(batch, before):
         raise ValueError("a loss changes the batch, which all losses share")
     if learner.is_stochastic:
         actions = learner.explore(batch.observations, batch.actions)
@@ -279,7 +279,7 @@ def _check_losses(rule: Rule, batch: Batch) -> None:
             raise ValueError(f"{loss} returns {value.numel()} numbers, not one")
 
 
-def _has_unchanged(batch: Batch, before: Mapping[str, tuple[torch.Tensor, int]]) -> bool:
+def _is_unchanged(batch: Batch, before: Mapping[str, tuple[torch.Tensor, int]]) -> bool:
     """Returns whether a batch has the tensors of before, of the same versions, and no others."""
     now = vars(batch)
     return now.keys() == before.keys() and all(
